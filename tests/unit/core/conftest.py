@@ -1,0 +1,28 @@
+"""The solver's backends, as the tests of the core share them.
+
+Torch gets one thread: on grids this small its threads would only wait for one another.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from visco_core.kernels import Backend, choose_backend
+
+THREADS = {"numba": 2, "reference": 1}
+
+
+@pytest.fixture(scope="session")
+def numba_backend() -> Backend:
+    return choose_backend("numba", "cpu", THREADS["numba"])
+
+
+@pytest.fixture(scope="session")
+def reference_backend() -> Backend:
+    return choose_backend("reference", "cpu", THREADS["reference"])
+
+
+@pytest.fixture(scope="session", params=THREADS)
+def backend(request: pytest.FixtureRequest) -> Backend:
+    """Each backend in turn."""
+    return choose_backend(request.param, "cpu", THREADS[request.param])

@@ -1,0 +1,309 @@
+"""Random inputs of every kernel, on topologies that are built here by brute force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from visco_core.extract import EDGES, case_table
+from visco_core.kernels import FREE, ROW
+
+CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3)
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """A set of nodes, its topology and random values on it, as ``reference`` describes them."""
+
+    side: int
+    ijk: np.ndarray
+    columns: np.ndarray
+    neighbours: np.ndarray
+    complete: np.ndarray
+    seed: int
+    rng: np.random.Generator = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.ijk)
+
+    @property
+    def slabs(self) -> np.ndarray:
+        return self.columns[:: self.side]
+
+    @property
+    def full_flags(self) -> np.ndarray:
+        return np.append(self.complete * (ROW | FREE), 0).astype(np.uint8)
+
+    def flags(self) -> np.ndarray:
+        """Flags with some rows and some free nodes taken away, independently."""
+        dropped = self.rng.choice([0, ROW, FREE], len(self) + 1, p=[0.6, 0.2, 0.2])
+        return (self.full_flags & ~dropped).astype(np.uint8)
+
+    def vector(self, *columns: int) -> np.ndarray:
+        """A random vector (N + 1, *columns) over the nodes; the last entry is zero."""
+        values = self.rng.standard_normal((len(self) + 1, *columns)).astype(np.float32)
+        values[-1] = 0
+        return values
+
+
+def nodes_of(mask: np.ndarray, seed: int = 0) -> Nodes:
+    """The nodes of a cube where ``mask`` (side, side, side) is true."""
+    side = len(mask)
+    ijk = np.argwhere(mask)
+    index = np.full((side + 2,) * 3, len(ijk))
+    index[tuple((ijk + 1).T)] = np.arange(len(ijk))
+    steps = [sign * step for step in np.eye(3, dtype=int) for sign in (-1, 1)]
+    neighbours = np.stack([index[tuple((ijk + 1 + step).T)] for step in steps], 1)
+    column = ijk[:, 0] * side + ijk[:, 1]
+    return Nodes(
+        side=side,
+        ijk=ijk.astype(np.int16),
+        columns=np.searchsorted(column, np.arange(side**2 + 1)),
+        neighbours=neighbours.astype(np.int32),
+        complete=(neighbours < len(ijk)).all(1),
+        seed=seed,
+        rng=np.random.default_rng(seed),
+    )
+
+
+def dense() -> Nodes:
+    return nodes_of(np.ones((17, 17, 17), bool))
+
+
+def band() -> Nodes:
+    """A narrow band around a sphere, as refinement leaves it."""
+    ticks = np.linspace(-0.5, 0.5, 33)
+    x, y, z = np.meshgrid(ticks, ticks, ticks, indexing="ij")
+    return nodes_of(np.abs(np.sqrt(x**2 + y**2 + z**2) - 0.3) < 0.1)
+
+
+def ragged() -> Nodes:
+    """Three quarters of the nodes at random; one slab and some columns are empty."""
+    mask = np.random.default_rng(5).random((14, 14, 14)) < 0.75
+    mask[6] = False
+    mask[2, ::3] = False
+    return nodes_of(mask)
+
+
+def scattered() -> Nodes:
+    """Few nodes, hardly one beside another, no whole voxel and so no points."""
+    return nodes_of(np.random.default_rng(6).random((14, 14, 14)) < 0.1)
+
+
+TOPOLOGIES = {"dense": dense, "band": band, "ragged": ragged, "scattered": scattered}
+
+
+def corners_of(nodes: Nodes, base: np.ndarray) -> np.ndarray:
+    """The eight nodes (M, 8) of the voxels above nodes ``base`` (M,), N where one is missing."""
+    places = {tuple(map(int, node)): n for n, node in enumerate(nodes.ijk)}
+    return np.array(
+        [
+            [places.get(tuple(map(int, nodes.ijk[b] + corner)), len(nodes)) for corner in CORNERS]
+            for b in base
+        ],
+        np.int32,
+    )
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Random points in a random half of the whole voxels; some voxels are empty."""
+
+    corners: np.ndarray
+    starts: np.ndarray
+    local: np.ndarray
+    normals: np.ndarray
+    slabs: np.ndarray
+    matrices: np.ndarray
+
+
+def scan_on(nodes: Nodes) -> Scan:
+    rng = nodes.rng
+    corners = corners_of(nodes, np.flatnonzero(rng.random(len(nodes)) < 0.5))
+    corners = corners[(corners < len(nodes)).all(1)]
+    counts = rng.integers(0, 4, len(corners))
+    local = rng.random((counts.sum(), 3)).astype(np.float32)
+    normals = rng.standard_normal(local.shape)
+    rows = rng.standard_normal((len(corners), 3, 8)).astype(np.float32)
+    return Scan(
+        corners=corners,
+        starts=np.append(0, np.cumsum(counts)),
+        local=local,
+        normals=(normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32),
+        slabs=np.searchsorted(nodes.ijk[corners[:, 0], 0], np.arange(nodes.side + 1)),
+        matrices=np.einsum("mkr,mkc->mrc", rows, rows),
+    )
+
+
+HALF_INVERSE, LAPLACE, SCALE = np.float32(8), np.float32(2.5), np.float32(0.3)
+
+
+def _linearise(n: Nodes) -> tuple[Any, ...]:
+    outputs = n.vector(3), n.vector(4)
+    return n.vector(), n.neighbours, n.flags(), HALF_INVERSE, LAPLACE, *outputs
+
+
+def _viscosity_rows(n: Nodes) -> tuple[Any, ...]:
+    return n.vector(), n.vector(3), n.neighbours, n.flags(), LAPLACE, n.vector(4)
+
+
+def _viscosity_columns(n: Nodes) -> tuple[Any, ...]:
+    return n.vector(4), n.neighbours, n.flags(), LAPLACE, SCALE, n.vector()
+
+
+def _viscosity_diagonal(n: Nodes) -> tuple[Any, ...]:
+    return n.vector(3), n.neighbours, n.flags(), LAPLACE, SCALE, n.vector()
+
+
+def _point_system(n: Nodes) -> tuple[Any, ...]:
+    s = scan_on(n)
+    return s.local, s.normals, s.starts, n.side - 1, 0.7, 0.02
+
+
+def _point_sums(n: Nodes) -> tuple[Any, ...]:
+    s = scan_on(n)
+    return n.vector(), s.corners, s.local, s.normals, s.starts, n.side - 1
+
+
+def _point_matvec(n: Nodes) -> tuple[Any, ...]:
+    s = scan_on(n)
+    return n.vector(), s.corners, s.matrices, s.slabs, n.flags(), n.vector()
+
+
+def _scatter(n: Nodes) -> tuple[Any, ...]:
+    s = scan_on(n)
+    return n.rng.random(s.corners.shape, np.float32), s.corners, s.slabs, n.flags(), n.vector()
+
+
+def _coarea(n: Nodes) -> tuple[Any, ...]:
+    constants = np.float32(n.side - 1), np.float32(0.6), SCALE
+    return n.vector(), n.neighbours, n.slabs, n.flags(), *constants, n.vector()
+
+
+def _squared_distance(n: Nodes) -> tuple[Any, ...]:
+    return (n.rng.random((n.side,) * 3) < 0.97,)
+
+
+def _spline_prolong(n: Nodes) -> tuple[Any, ...]:
+    coarse = n.rng.standard_normal((n.side // 2 + 1,) * 3)
+    return coarse.astype(np.float32), n.side
+
+
+def _spline_restrict(n: Nodes) -> tuple[Any, ...]:
+    return (n.rng.standard_normal((n.side,) * 3).astype(np.float32),)
+
+
+def _spline_energies(n: Nodes) -> tuple[Any, ...]:
+    s = scan_on(n)
+    basis = n.rng.random(13).astype(np.float32)
+    return s.corners, s.matrices, n.ijk, basis, 4, (n.side - 2) // 4 + 2
+
+
+def _dot(n: Nodes) -> tuple[Any, ...]:
+    return n.vector(), n.vector()
+
+
+def _cg_advance(n: Nodes) -> tuple[Any, ...]:
+    return n.vector(), n.vector(), n.vector(), n.vector(), np.float32(0.4)
+
+
+def _cg_direction(n: Nodes) -> tuple[Any, ...]:
+    return n.vector(), n.vector(), np.float32(0.4)
+
+
+def _splat(n: Nodes) -> tuple[Any, ...]:
+    points = n.rng.random((500, 3), np.float32)
+    points[:8] = CORNERS
+    return points, n.rng.standard_normal((500, 3)).astype(np.float32), n.side
+
+
+def _sample(n: Nodes) -> tuple[Any, ...]:
+    return 10 * len(n), 0.3, 2**31 + len(n)
+
+
+def _adam_advance(n: Nodes) -> tuple[Any, ...]:
+    constants = np.float32([2e-3, 0.02, 0.9, 0.999, 1e-8])
+    return n.vector(), n.vector(), n.vector(), np.abs(n.vector()), *constants
+
+
+def _find_nodes(n: Nodes) -> tuple[Any, ...]:
+    query = n.rng.integers(0, n.side, (2000, 3), np.int32)
+    return query, n.ijk, n.columns, n.side
+
+
+def _neighbour_table(n: Nodes) -> tuple[Any, ...]:
+    return n.ijk, n.columns, n.side
+
+
+def _refine(n: Nodes) -> tuple[Any, ...]:
+    return n.ijk, n.columns, n.vector(), n.side, 0.2
+
+
+def _voxel_corners(n: Nodes) -> tuple[Any, ...]:
+    base = n.rng.integers(0, len(n) + 1, 1500, np.int32)
+    return n.neighbours, base
+
+
+def _surface_counts(n: Nodes) -> tuple[Any, ...]:
+    return n.vector(), n.neighbours, case_table()[0]
+
+
+def _surface_vertices(n: Nodes) -> tuple[Any, ...]:
+    values = n.vector()
+    return values, n.ijk, n.neighbours, starts_of_surface(n, values)[0]
+
+
+def _surface_faces(n: Nodes) -> tuple[Any, ...]:
+    values = n.vector()
+    owner, axis = np.array(EDGES, np.uint8).T
+    starts = starts_of_surface(n, values)
+    return values, n.neighbours, *starts, case_table()[1], owner.copy(), axis.copy()
+
+
+def starts_of_surface(nodes: Nodes, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where each node's cut edges and its voxel's triangles start, both (N + 1,)."""
+    missing = len(nodes)
+    high = nodes.neighbours[:, 1::2]
+    cut = (high < missing) & ((values[high] < 0) != (values[:-1, None] < 0))
+    corners = corners_of(nodes, np.arange(missing))
+    whole = (corners < missing).all(1)
+    case = ((values[corners] < 0) << np.arange(8)).sum(1) * whole
+    triangles = case_table()[0][case].astype(np.int64)
+    return np.append(0, np.cumsum(cut.sum(1))), np.append(0, np.cumsum(triangles))
+
+
+INPUTS: dict[str, Callable[[Nodes], tuple[Any, ...]]] = {
+    maker.__name__[1:]: maker
+    for maker in (
+        _linearise,
+        _viscosity_rows,
+        _viscosity_columns,
+        _viscosity_diagonal,
+        _point_system,
+        _point_sums,
+        _point_matvec,
+        _scatter,
+        _coarea,
+        _squared_distance,
+        _spline_prolong,
+        _spline_restrict,
+        _spline_energies,
+        _dot,
+        _cg_advance,
+        _cg_direction,
+        _splat,
+        _sample,
+        _adam_advance,
+        _find_nodes,
+        _neighbour_table,
+        _refine,
+        _voxel_corners,
+        _surface_counts,
+        _surface_vertices,
+        _surface_faces,
+    )
+}
+"""Kernel → arguments for it on some nodes."""

@@ -1,0 +1,263 @@
+"""Levels follow one another as planned, or end where time and memory end."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from visco_core.clock import Clock
+from visco_core.config import Budget, LevelSchedule, ReconstructionConfig
+from visco_core.errors import ResourceError, Stopped
+from visco_core.gallery import sphere, uniform_scan
+from visco_core.kernels import Backend
+from visco_core.multires import (
+    CONTINUATION,
+    LevelPlan,
+    Problem,
+    SolvedLevel,
+    plan_resolutions,
+    solve_levels,
+)
+from visco_core.presets import PAPER_EPOCHS, Settings, decide
+from visco_core.progress import Progress
+from visco_core.solvers.adam import Adam
+from visco_core.solvers.gauss_newton import GaussNewton
+
+QUICK = LevelSchedule(outer_steps=(2, 1), inner_steps=(8,), band_width=3.0)
+
+
+def settings(resolution: int = 92, schedule: LevelSchedule = QUICK, **fields: Any) -> Settings:
+    """By default two levels, 46 and 92, that are quick to solve."""
+    return decide(ReconstructionConfig(resolution=resolution, schedule=schedule, **fields))
+
+
+def problem(chosen: Settings | None = None, fitted: bool = True) -> Problem:
+    cloud = uniform_scan(sphere(), 3000)
+    assert cloud.normals is not None
+    points = 0.5 + 0.4 * cloud.points
+    return Problem(points, cloud.normals, cloud.normals if fitted else None, chosen or settings())
+
+
+def new_clock(**fields: Any) -> Clock:
+    return Clock(time.monotonic(), **fields)
+
+
+def plan_of(chosen: Settings, clock: Clock | None = None) -> LevelPlan:
+    return LevelPlan(chosen, clock or new_clock(), points=3000)
+
+
+def test_levels_double_from_about_64_to_no_less_than_asked() -> None:
+    for resolution in range(64, 1025):
+        levels = plan_resolutions(resolution)
+        assert 45 <= levels[0] <= 91
+        assert all(fine == 2 * coarse for coarse, fine in pairwise(levels))
+        assert resolution <= levels[-1] < resolution + 2 ** (len(levels) - 1)
+
+
+def test_powers_of_two_start_at_64() -> None:
+    assert plan_resolutions(64) == [64]
+    assert plan_resolutions(1024) == [64, 128, 256, 512, 1024]
+
+
+class Record:
+    """A whole run on two levels with all that it told."""
+
+    def __init__(self, backend: Backend) -> None:
+        self.progress: list[Progress] = []
+        self.levels: list[SolvedLevel] = []
+        self.clock = new_clock(on_progress=self.progress.append)
+        self.best, self.outcome = solve_levels(backend, problem(), self.clock, self.levels.append)
+
+
+@pytest.fixture(scope="module")
+def record(numba_backend: Backend) -> Record:
+    return Record(numba_backend)
+
+
+def test_without_limits_the_asked_resolution_is_reached(record: Record) -> None:
+    assert record.outcome.code == "complete"
+    assert record.outcome.resolution == record.best.grid.resolution == 92
+    assert "92" in record.outcome.message
+
+
+def test_every_level_but_the_last_is_shown_once(record: Record) -> None:
+    assert [level.grid.resolution for level in record.levels] == [46]
+    assert record.levels[0].grid.is_dense
+    assert not record.best.grid.is_dense
+
+
+def test_each_level_is_nearer_to_the_sphere(record: Record) -> None:
+    """Mean distance of the nodes beside the surface from the true one, in fine voxels."""
+    errors = []
+    for level in (*record.levels, record.best):
+        exact = np.linalg.norm(level.grid.ijk / level.grid.resolution - 0.5, axis=1) - 0.4
+        near = np.abs(exact) * level.grid.resolution < 1
+        errors.append(92 * np.abs(level.values[:-1] - exact)[near].mean())
+    assert errors[1] < errors[0] < 0.2
+
+
+def test_progress_counts_levels_and_steps_and_never_falls(record: Record) -> None:
+    fractions = [progress.fraction for progress in record.progress]
+    assert fractions == sorted(fractions)
+    assert 0 <= fractions[0] <= fractions[-1] <= 1
+    solving = [p for p in record.progress if p.step]
+    assert {p.phase for p in solving} == {"solve"}
+    assert [(p.level, p.resolution) for p in solving] == [(1, 46)] * 6 + [(2, 92)]
+    assert [p.step for p in solving] == [1, 2, 3, 4, 5, 6, 1]
+    assert {(p.levels, p.steps) for p in solving} == {(2, 6), (2, 1)}
+    assert all(p.remaining_seconds is not None for p in solving)
+    assert all(p.losses.keys() == {"point", "normal", "viscosity"} for p in solving)
+
+
+def test_phases_and_steps_make_the_report(record: Record) -> None:
+    phases = [(entry["phase"], entry["resolution"]) for entry in record.clock.phases]
+    assert phases == [("start", 46), ("solve", 46), ("refine", 92), ("solve", 92)]
+    solved = record.clock.phases[-1]
+    assert solved["nodes"] == len(record.best.grid)
+    assert solved["steps"] == 1
+    assert solved["iterations"] <= 8
+    steps = [(entry["resolution"], entry["step"]) for entry in record.clock.steps]
+    assert steps == [(46, step) for step in range(1, 7)] + [(92, 1)]
+    assert solved["point"] == record.best.losses["point"] == record.clock.steps[-1]["point"]
+
+
+def test_without_fitted_normals_there_is_no_normal_loss(numba_backend: Backend) -> None:
+    """Else the missing normals would count as zero and flatten the field at every point."""
+    best, _ = solve_levels(numba_backend, problem(fitted=False), new_clock())
+    assert best.losses["normal"] == 0
+    exact = np.linalg.norm(best.grid.ijk / best.grid.resolution - 0.5, axis=1) - 0.4
+    near = np.abs(exact) * best.grid.resolution < 1
+    assert np.abs(best.values[:-1] - exact)[near].mean() * best.grid.resolution < 0.2
+
+
+def test_fast_stages_continue_in_epsilon_on_the_coarsest_level_only() -> None:
+    plan = plan_of(settings())
+    epsilon = plan.settings.weights.viscosity_epsilon
+    assert [factor for factor, _ in plan.stages(0)] == [epsilon * f for f in CONTINUATION]
+    assert plan.stages(0)[-1] == (epsilon, GaussNewton(2, 8))
+    assert plan.stages(1) == [(epsilon, GaussNewton(1, 8))]
+    assert plan.stages(4) == plan.stages(1)
+
+
+def test_paper_stages_are_epochs_of_adam_with_a_seed_of_their_own() -> None:
+    config = ReconstructionConfig(profile="paper", seed=11)
+    plan = plan_of(decide(config))
+    epochs = PAPER_EPOCHS[30]
+    for level, expected in enumerate([*epochs, epochs[-1]]):
+        ((epsilon, solver),) = plan.stages(level)
+        assert epsilon == 1e-2
+        assert solver == Adam(12800 * expected, 0.1, 1e-3, 11 + level)
+
+
+def test_foreseen_nodes_are_those_that_refinement_finds(record: Record) -> None:
+    plan = plan_of(settings(184))
+    plan.nodes[0] = len(record.levels[0].grid)
+    plan.foresee(record.levels[0].values, 0)
+    assert plan.nodes[1] == pytest.approx(len(record.best.grid), rel=0.25)
+    assert plan.nodes[2] == 4 * plan.nodes[1]
+
+
+def test_predictions_follow_the_measured_speed() -> None:
+    plan = plan_of(settings(256, schedule=LevelSchedule()))
+    before = [plan.cost(level) for level in range(3)]
+    plan.measured(1, work=100, seconds=plan.nodes[1] * 100 * 10 * plan.seconds_per_node_step)
+    after = [plan.cost(level) for level in range(3)]
+    assert after == pytest.approx([10 * cost for cost in before])
+    assert plan.cost(1, least=True) < plan.cost(1)
+
+
+def test_a_budget_that_is_over_before_the_coarsest_level_says_what_would_do(
+    numba_backend: Backend,
+) -> None:
+    clock = Clock(time.monotonic() - 40, budget_seconds=30)
+    with pytest.raises(ResourceError) as caught:
+        solve_levels(numba_backend, problem(), clock)
+    assert caught.value.code == "budget_too_short"
+    found = re.search(r"about (\d+) s", caught.value.detail)
+    assert found is not None
+    assert 40 < int(found[1]) < 60
+
+
+def test_a_budget_that_ends_during_a_level_gives_that_level(numba_backend: Backend) -> None:
+    shown: list[SolvedLevel] = []
+
+    def use_up(progress: Progress) -> None:
+        if progress.step:
+            clock.started_at -= 1000
+
+    clock = new_clock(budget_seconds=1000.0, on_progress=use_up)
+    best, outcome = solve_levels(numba_backend, problem(), clock, shown.append)
+    assert outcome.code == "budget_exhausted"
+    assert outcome.resolution == best.grid.resolution == 46
+    assert "46 of 92" in outcome.message
+    assert shown == []
+
+
+def test_a_level_whose_time_is_up_takes_one_short_step(numba_backend: Backend) -> None:
+    """The prediction allows the coarsest level, and then takes longer than it said."""
+
+    def use_up(progress: Progress) -> None:
+        if progress.phase == "start":
+            clock.started_at -= 1000
+
+    clock = new_clock(budget_seconds=1000.0, on_progress=use_up)
+    chosen = settings(schedule=replace(QUICK, inner_steps=(200,)))
+    best, outcome = solve_levels(numba_backend, problem(chosen), clock)
+    assert outcome.code == "budget_exhausted"
+    solved = clock.phases[-1]
+    assert solved["steps"] <= len(CONTINUATION)
+    assert solved["iterations"] <= 20 * len(CONTINUATION)
+    assert best.losses["point"] > 0
+
+
+def test_a_memory_limit_below_the_coarsest_level_is_refused(numba_backend: Backend) -> None:
+    chosen = settings(budget=Budget(memory_bytes=2**26))
+    with pytest.raises(ResourceError) as caught:
+        solve_levels(numba_backend, problem(chosen), new_clock())
+    assert caught.value.code == "memory_too_small"
+    assert re.search(r"about \d+ MiB", caught.value.detail)
+
+
+def test_a_memory_limit_above_the_coarsest_level_gives_what_fits(numba_backend: Backend) -> None:
+    enough = int(plan_of(settings(1024)).memory_bytes(0)) + 2**20
+    chosen = settings(1024, budget=Budget(memory_bytes=enough))
+    best, outcome = solve_levels(numba_backend, problem(chosen), new_clock())
+    assert outcome.code == "memory_limited"
+    assert 64 <= outcome.resolution == best.grid.resolution < 1024
+    assert f"{outcome.resolution} of 1024" in outcome.message
+    assert "GiB" in outcome.message
+
+
+def stop_at(call: int) -> tuple[Callable[[], bool], list[int]]:
+    """A ``should_stop`` that is true from its ``call``-th call on, and the list of its calls."""
+    calls: list[int] = []
+
+    def should_stop() -> bool:
+        calls.append(1)
+        return len(calls) >= call
+
+    return should_stop, calls
+
+
+@pytest.mark.parametrize("call", [1, 2, 3, 10, 60])
+def test_a_stop_request_ends_the_run_at_once(call: int, numba_backend: Backend) -> None:
+    should_stop, calls = stop_at(call)
+    with pytest.raises(Stopped):
+        solve_levels(numba_backend, problem(), new_clock(should_stop=should_stop))
+    assert len(calls) == call
+
+
+def test_stop_is_asked_for_in_every_iteration(numba_backend: Backend) -> None:
+    should_stop, calls = stop_at(10**9)
+    clock = new_clock(should_stop=should_stop)
+    solve_levels(numba_backend, problem(), clock)
+    iterations = sum(entry.get("iterations", 0) for entry in clock.phases)
+    assert iterations > 20
+    assert len(calls) > iterations

@@ -1,0 +1,357 @@
+"""From a point cloud to a mesh: where it lies, what it keeps, and how a run ends."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from visco_core.config import Budget, LevelSchedule, LossWeights, ReconstructionConfig
+from visco_core.errors import InputError, ResourceError, Stopped
+from visco_core.frame import FILL, Normalisation
+from visco_core.gallery import Scanner, scan, sphere, torus, two_bodies, uniform_scan
+from visco_core.mesh_health import mesh_health
+from visco_core.metrics import nearest_distance, point_to_mesh_distance
+from visco_core.pointcloud import PointCloud
+from visco_core.progress import Progress
+from visco_core.reconstruction import reconstruct
+from visco_core.result import Mesh, Reconstruction
+
+QUICK = LevelSchedule(outer_steps=(2,), inner_steps=(12,))
+
+
+def config(resolution: int = 92, **fields: Any) -> ReconstructionConfig:
+    """By default two levels, 46 and 92, and few steps; on the CPU."""
+    fields = {"schedule": QUICK, "device": "cpu", "threads": 2, **fields}
+    return ReconstructionConfig(resolution=resolution, **fields)
+
+
+def voxel(result: Reconstruction) -> float:
+    """The finest level's grid spacing in scan units."""
+    return result.report["frame"]["scale"] / result.outcome.resolution
+
+
+def assert_one_closed_body(mesh: Mesh, bodies: int = 1, genus: int = 0) -> None:
+    health = mesh_health(mesh)
+    assert health["watertight"]
+    assert health["outward"]
+    assert (health["components"], health["genus"]) == (bodies, genus)
+
+
+def off_sphere(result: Reconstruction) -> float:
+    """Largest distance of a vertex from the unit sphere, in voxels."""
+    radius = np.linalg.norm(result.mesh.vertices, axis=1)
+    return float(np.abs(radius - 1).max()) / voxel(result)
+
+
+@pytest.fixture(scope="module")
+def ball() -> PointCloud:
+    return uniform_scan(sphere(), 4000)
+
+
+@dataclasses.dataclass
+class Record:
+    """A run with all that it told."""
+
+    result: Reconstruction
+    progress: list[Progress]
+    levels: list[tuple[Mesh, int]]
+
+
+@pytest.fixture(scope="module")
+def record(ball: PointCloud) -> Record:
+    progress: list[Progress] = []
+    levels: list[tuple[Mesh, int]] = []
+    result = reconstruct(
+        ball,
+        config(),
+        on_progress=progress.append,
+        on_level=lambda mesh, resolution: levels.append((mesh, resolution)),
+    )
+    return Record(result, progress, levels)
+
+
+@pytest.mark.parametrize("normals", ["estimated", "none"])
+def test_a_noiseless_scan_of_a_sphere_at_64_is_met_within_a_quarter_voxel(normals: Any) -> None:
+    cloud = scan(sphere(), Scanner(normals=normals, points=15_000))
+    result = reconstruct(cloud, ReconstructionConfig(resolution=64, device="cpu", threads=2))
+    assert result.outcome.resolution == 64
+    assert_one_closed_body(result.mesh)
+    assert off_sphere(result) < 0.25
+
+
+def test_two_levels_meet_the_sphere_and_its_normals(record: Record) -> None:
+    mesh = record.result.mesh
+    assert_one_closed_body(mesh)
+    assert off_sphere(record.result) < 0.25
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.faces.dtype == np.int32
+    assert mesh.normals is not None
+    assert mesh.normals.dtype == np.float32
+    assert mesh.colors is None
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
+    assert np.einsum("vi,vi->v", mesh.normals, mesh.vertices).min() > 0.98
+
+
+@pytest.mark.parametrize(("make", "bodies", "genus"), [(torus, 1, 1), (two_bodies, 2, 0)])
+def test_topology_is_that_of_the_scanned_shape(
+    make: Callable[[], Any], bodies: int, genus: int
+) -> None:
+    shape = make()
+    result = reconstruct(uniform_scan(shape, 20_000), config(128))
+    assert_one_closed_body(result.mesh, bodies, genus)
+    off = np.abs(shape.sdf(result.mesh.vertices))
+    assert off.mean() < 0.1 * voxel(result)
+    assert off.max() < 1.2 * voxel(result)
+
+
+def test_the_same_seed_gives_the_same_mesh_with_one_and_two_threads(
+    ball: PointCloud, record: Record
+) -> None:
+    for threads in (1, 2):
+        again = reconstruct(ball, config(threads=threads)).mesh
+        np.testing.assert_array_equal(again.vertices, record.result.mesh.vertices)
+        np.testing.assert_array_equal(again.faces, record.result.mesh.faces)
+        np.testing.assert_array_equal(again.normals, record.result.mesh.normals)
+
+
+def test_the_paper_profile_repeats_itself_and_follows_its_seed(ball: PointCloud) -> None:
+    short = LevelSchedule(epochs=(1,), iterations=40, prune=3)
+    runs = [
+        reconstruct(ball, config(profile="paper", schedule=short, seed=seed)) for seed in (5, 5, 6)
+    ]
+    meshes = [run.mesh for run in runs]
+    np.testing.assert_array_equal(meshes[0].vertices, meshes[1].vertices)
+    assert not np.array_equal(meshes[0].vertices, meshes[2].vertices)
+    assert_one_closed_body(meshes[0])
+    assert off_sphere(runs[0]) < 2
+    assert {"point", "normal", "viscosity", "coarea"} <= runs[0].report["steps"][0].keys()
+
+
+def test_both_backends_give_the_same_surface(ball: PointCloud) -> None:
+    short = LevelSchedule(outer_steps=(1,), inner_steps=(8,))
+    results = [
+        reconstruct(ball, config(schedule=short, backend=name, threads=1))
+        for name in ("numba", "reference")
+    ]
+    assert [result.report["backend"] for result in results] == ["numba on cpu", "reference on cpu"]
+    ours, theirs = (result.mesh for result in results)
+    unit = voxel(results[0])
+    assert nearest_distance(ours.vertices, theirs.vertices)[0].max() < 0.05 * unit
+    assert nearest_distance(theirs.vertices, ours.vertices)[0].max() < 0.05 * unit
+
+
+@pytest.mark.parametrize(
+    ("unit", "shift"), [(1.0, (1e7, -2e7, 5e6)), (1e-6, (0.0, 0.0, 0.0)), (1e6, (0.0, 0.0, 0.0))]
+)
+def test_place_and_unit_of_the_scan_do_not_change_the_shape(
+    unit: float, shift: tuple[float, float, float], ball: PointCloud, record: Record
+) -> None:
+    moved = PointCloud(unit * ball.points + shift, ball.normals)
+    result = reconstruct(moved, config())
+    back = (result.mesh.vertices - shift) / unit
+    assert_one_closed_body(result.mesh)
+    assert voxel(result) / unit == pytest.approx(voxel(record.result), rel=1e-6)
+    plain = record.result.mesh
+    distance = point_to_mesh_distance(back, Mesh(plain.vertices, plain.faces))
+    assert distance.max() < 0.02 * voxel(record.result)
+
+
+@pytest.mark.parametrize("normals", ["estimate", "ignore"])
+def test_normals_may_be_estimated_or_ignored(normals: Any, ball: PointCloud) -> None:
+    """The scan's normals point inward here, which turns the body inside out when they are used."""
+    inward = PointCloud(ball.points, -ball.normals)
+    result = reconstruct(inward, config(normals=normals))
+    assert_one_closed_body(result.mesh)
+    assert off_sphere(result) < 0.4
+    losses = result.report["steps"][-1]
+    assert (losses["normal"] == 0) == (normals == "ignore")
+    assert "normals" in [phase["phase"] for phase in result.report["phases"]]
+
+
+def test_the_scan_s_normals_decide_which_side_is_inside(ball: PointCloud) -> None:
+    result = reconstruct(PointCloud(ball.points, -ball.normals), config())
+    health = mesh_health(result.mesh)
+    assert health["watertight"]
+    assert health["outward"] is False
+    assert "normals" not in [phase["phase"] for phase in result.report["phases"]]
+
+
+def test_crop_keeps_the_surface_of_what_is_inside_the_box() -> None:
+    cloud = uniform_scan(two_bodies(), 6000)
+    result = reconstruct(cloud, config(crop=(-1, -0.5, -0.5, 0.05, 0.5, 0.5)))
+    assert_one_closed_body(result.mesh)
+    ball = np.linalg.norm(result.mesh.vertices - [-0.5, 0, 0], axis=1)
+    assert np.abs(ball - 0.45).max() < 0.5 * voxel(result)
+
+
+def test_a_crop_box_without_points_is_refused(ball: PointCloud) -> None:
+    with pytest.raises(InputError) as caught:
+        reconstruct(ball, config(crop=(5, 5, 5, 6, 6, 6)))
+    assert caught.value.code == "empty_crop"
+
+
+def test_trim_opens_the_mesh_where_nothing_was_scanned(ball: PointCloud) -> None:
+    half = ball.select(ball.points[:, 2] > 0)
+    closed = reconstruct(half, config())
+    assert mesh_health(closed.mesh)["watertight"]
+    opened = reconstruct(half, config(trim=0.15)).mesh
+    assert mesh_health(opened)["boundary_edges"] > 100
+    assert len(opened.faces) < len(closed.mesh.faces)
+    assert nearest_distance(opened.vertices, half.points)[0].max() <= 0.15
+    assert nearest_distance(closed.mesh.vertices, half.points)[0].max() > 0.5
+
+
+def test_decimation_and_colours_reach_the_mesh(ball: PointCloud) -> None:
+    colors = (127.5 * (ball.points + 1)).astype(np.uint8)
+    warmth = ball.points[:, 2].astype(np.float32)
+    cloud = dataclasses.replace(ball, colors=colors, scalars={"warmth": warmth})
+    mesh = reconstruct(cloud, config(decimate=3000)).mesh
+    assert 2900 <= len(mesh.faces) <= 3000
+    assert_one_closed_body(mesh)
+    assert mesh.colors is not None
+    np.testing.assert_allclose(mesh.colors, 127.5 * (mesh.vertices + 1), atol=20)
+    np.testing.assert_allclose(mesh.attributes["warmth"], mesh.vertices[:, 2], atol=0.15)
+
+
+def plane(count: int = 2000) -> np.ndarray:
+    return np.random.default_rng(0).random((count, 3)) * [1, 1, 0]
+
+
+@pytest.mark.parametrize(
+    "cloud",
+    [
+        PointCloud(np.random.default_rng(1).random((10, 3))),
+        PointCloud(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])),
+        PointCloud(plane()),
+        PointCloud(plane(), np.tile(np.float32([0, 0, 1]), (2000, 1))),
+    ],
+    ids=["ten points", "tetrahedron", "plane", "plane with normals"],
+)
+def test_poor_scans_still_give_a_mesh_near_their_points(cloud: PointCloud) -> None:
+    result = reconstruct(cloud, config())
+    mesh = result.mesh
+    assert len(mesh.faces) > 0
+    assert np.isfinite(mesh.vertices).all()
+    health = mesh_health(mesh)
+    assert health["oriented"]
+    assert health["nonmanifold_edges"] == health["nonmanifold_vertices"] == 0
+    off = point_to_mesh_distance(cloud.points, mesh)
+    assert np.median(off) < voxel(result)
+
+
+@pytest.mark.parametrize(
+    ("points", "code"),
+    [
+        (np.zeros((0, 3)), "no_points"),
+        (np.full((5, 3), np.nan), "no_points"),
+        (np.ones((1, 3)), "too_few_points"),
+        (np.ones((90, 3)), "too_few_points"),
+        (np.outer(np.arange(50.0), [1, 2, 3]), "collinear_points"),
+    ],
+)
+def test_what_has_no_surface_is_refused(points: np.ndarray, code: str) -> None:
+    with pytest.raises(InputError) as caught:
+        reconstruct(PointCloud(points), config())
+    assert caught.value.code == code
+
+
+def test_progress_goes_through_all_phases_and_never_falls(record: Record) -> None:
+    fractions = [progress.fraction for progress in record.progress]
+    assert fractions == sorted(fractions)
+    assert 0 <= fractions[0] <= fractions[-1] <= 1
+    phases = list(dict.fromkeys(progress.phase for progress in record.progress))
+    assert phases[0] == "prepare"
+    assert phases[-4:] == ["start", "solve", "refine", "extract"]
+    elapsed = [progress.elapsed_seconds for progress in record.progress]
+    assert elapsed == sorted(elapsed)
+
+
+def test_every_level_but_the_last_is_shown_once_as_a_mesh_in_scan_units(record: Record) -> None:
+    ((mesh, resolution),) = record.levels
+    assert resolution == 46
+    assert_one_closed_body(mesh)
+    radius = np.linalg.norm(mesh.vertices, axis=1)
+    assert np.abs(radius - 1).max() * 46 / record.result.report["frame"]["scale"] < 0.25
+
+
+def test_the_report_is_json_and_says_what_was_done(record: Record) -> None:
+    report = json.loads(json.dumps(record.result.report))
+    assert report["settings"]["resolution"] == 92
+    assert report["settings"]["schedule"]["outer_steps"] == [2]
+    assert report["settings"]["weights"].keys() >= {"point", "normal", "viscosity", "coarea"}
+    assert report["outcome"]["code"] == record.result.outcome.code == "complete"
+    assert report["frame"]["center"] == pytest.approx([0, 0, 0], abs=0.01)
+    assert report["seconds"] > 0
+    assert report["peak_memory_bytes"] > 2**20
+    last = report["phases"][-1]
+    assert last["phase"] == "extract"
+    assert last["vertices"] == len(record.result.mesh.vertices)
+    assert last["triangles"] == len(record.result.mesh.faces)
+    assert [phase["phase"] for phase in report["phases"]].count("solve") == 2
+    assert len({step["resolution"] for step in report["steps"]}) == 2
+
+
+def test_cleaning_is_told_in_the_report(ball: PointCloud) -> None:
+    twice = PointCloud(np.repeat(ball.points, 2, 0), np.repeat(ball.normals, 2, 0))
+    report = reconstruct(twice, config()).report
+    assert any("4,000" in note for note in report["phases"][0]["notes"])
+
+
+def test_a_budget_that_ran_before_the_start_is_too_short(ball: PointCloud) -> None:
+    with pytest.raises(ResourceError) as caught:
+        reconstruct(ball, config(budget=Budget(seconds=5)), started_at=time.monotonic() - 3600)
+    assert caught.value.code == "budget_too_short"
+
+
+def test_a_budget_too_short_for_the_finest_level_gives_a_coarser_one(ball: PointCloud) -> None:
+    result = reconstruct(ball, config(1024, budget=Budget(seconds=1.5)))
+    assert result.outcome.code == "budget_exhausted"
+    assert 64 <= result.outcome.resolution < 1024
+    assert f"{result.outcome.resolution} of 1024" in result.outcome.message
+    assert_one_closed_body(result.mesh)
+
+
+def test_a_memory_limit_is_refused_or_limits_the_resolution(ball: PointCloud) -> None:
+    with pytest.raises(ResourceError) as caught:
+        reconstruct(ball, config(budget=Budget(memory_bytes=10**8)))
+    assert caught.value.code == "memory_too_small"
+    result = reconstruct(ball, config(1024, budget=Budget(memory_bytes=3 * 10**8)))
+    assert result.outcome.code == "memory_limited"
+    assert 64 <= result.outcome.resolution < 1024
+
+
+@pytest.mark.parametrize("call", [1, 2, 5, 30])
+def test_a_stop_request_ends_the_run_at_once(call: int, ball: PointCloud) -> None:
+    calls: list[int] = []
+
+    def should_stop() -> bool:
+        calls.append(1)
+        return len(calls) >= call
+
+    with pytest.raises(Stopped):
+        reconstruct(ball, config(), should_stop=should_stop)
+    assert len(calls) == call
+
+
+def test_a_scan_of_any_size_fills_the_same_share_of_the_cube() -> None:
+    points = np.random.default_rng(0).uniform(-3, 5, (1000, 3)) * [1, 0.5, 0.1] + 1e7
+    frame = Normalisation.of(points)
+    cube = frame.to_cube(points)
+    assert np.ptp(cube, axis=0).max() == pytest.approx(FILL)
+    np.testing.assert_allclose((cube.min(0) + cube.max(0)) / 2, 0.5, atol=1e-9)
+    np.testing.assert_allclose(frame.to_scan(cube), points, rtol=1e-15)
+
+
+def test_more_viscosity_smooths_a_noisy_scan() -> None:
+    cloud = uniform_scan(sphere(), 4000, noise=0.01)
+    rough, smooth = (
+        off_sphere(reconstruct(cloud, config(64, weights=LossWeights(viscosity=weight))))
+        for weight in (1e-6, 1e-3)
+    )
+    assert smooth < 0.7 * rough

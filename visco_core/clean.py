@@ -1,0 +1,251 @@
+"""Takes out of a scan what no surface can be made of, and says so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from visco_core.errors import InputError
+from visco_core.pointcloud import PointCloud
+
+_STRAY_SHARE = 0.01
+_STRAY_DISTANCE = 10.0
+_LEAST_POINTS_FOR_STRAYS = 20
+_LEAST_BODY = 10
+_BODY_SHARE = 1e-4
+_THINNEST = 1e-6
+_LARGEST = 1e100
+_BAD_NORMALS_TOLERATED = 0.5
+
+
+@dataclass(frozen=True)
+class CleaningReport:
+    """How many points there were, how many are left, and what became of the others.
+
+    ``filled_normals`` were missing and taken from the nearest point that has one;
+    ``rescaled_normals`` were more than one percent longer or shorter than 1;
+    ``dropped_normals``: so many were missing that all were left out.
+    """
+
+    read: int
+    kept: int
+    not_finite: int = 0
+    duplicates: int = 0
+    outliers: int = 0
+    filled_normals: int = 0
+    rescaled_normals: int = 0
+    dropped_normals: bool = False
+
+    @property
+    def sentences(self) -> list[str]:
+        """What was done, for people; empty where the scan was clean."""
+        told = {
+            "Points dropped for coordinates that are not finite": self.not_finite,
+            "Exact duplicates merged": self.duplicates,
+            "Stray points dropped, far from all others": self.outliers,
+            "Missing normals taken from the nearest point": self.filled_normals,
+            "Normals scaled to unit length": self.rescaled_normals,
+        }
+        sentences = [
+            f"{what}: {count:,} of {self.read:,}." for what, count in told.items() if count
+        ]
+        if self.dropped_normals:
+            sentences.append("Most normals are zero or not finite, so all were left out.")
+        return sentences
+
+
+def clean_points(
+    cloud: PointCloud, *, normals: Literal["use", "estimate", "ignore"] = "use"
+) -> tuple[PointCloud, CleaningReport]:
+    """The points that a surface can be made of, in their order, with unit normals or none.
+
+    Drops points that are not finite (or beyond 1e100), merges exact duplicates (normals are added
+    up, the first colour and scalars stay) and drops strays as ``find_strays`` defines them.
+    Coordinates are never changed. Missing normals, zero or not finite, are taken from the nearest
+    point that has one; if more than half are missing, all are left out, as they are unless
+    ``normals`` is ``use``.
+
+    Raises InputError: ``no_points`` where no point is finite, ``too_few_points`` below four
+    distinct ones, ``collinear_points`` where all lie on one line.
+    """
+    read = len(cloud)
+    finite = np.all(np.abs(cloud.points) <= _LARGEST, axis=1)
+    if not finite.all():
+        cloud = cloud.select(finite)
+    if not len(cloud):
+        raise InputError(
+            "no_points", "No point of the scan has finite coordinates; export the scan again."
+        )
+    if normals != "use" or cloud.normals is None:
+        cloud, lengths = _with_normals(cloud, None), None
+    else:
+        cloud, lengths = _with_finite_normals(cloud, cloud.normals)
+    rescaled = 0 if lengths is None else int(((lengths > 0) & (abs(lengths - 1) > 0.01)).sum())
+
+    distinct = merge_duplicates(cloud)
+    strays = find_strays(distinct.points)
+    kept = distinct.select(~strays) if strays.any() else distinct
+    _require_surface(kept.points)
+    kept, filled = _unit_normals(kept)
+    report = CleaningReport(
+        read=read,
+        kept=len(kept),
+        not_finite=read - len(cloud),
+        duplicates=len(cloud) - len(distinct),
+        outliers=int(strays.sum()),
+        filled_normals=filled,
+        rescaled_normals=rescaled if kept.normals is not None else 0,
+        dropped_normals=cloud.normals is not None and kept.normals is None,
+    )
+    return kept, report
+
+
+def merge_duplicates(cloud: PointCloud) -> PointCloud:
+    """Each position once, at its first place in the order; the normals of equals are added up."""
+    found = first_of_equals(cloud.points)
+    if found is None:
+        return cloud
+    first, group = found
+    merged = cloud.select(first)
+    if cloud.normals is None:
+        return merged
+    sums = [np.bincount(group, cloud.normals[:, axis], len(first)) for axis in range(3)]
+    return _with_normals(merged, np.stack(sums, axis=1).astype(np.float32))
+
+
+def find_strays(points: np.ndarray) -> np.ndarray:
+    """(P,) bool: far, lonely points that would only blow up the bounding box.
+
+    points (P, 3), finite and distinct. Distances are largest coordinate differences. Let r be the
+    distance from the median within which 99 % of the points lie (all but one, below 200). A point
+    is a stray if it is farther than 10 r and has no body around it: points that far are put into
+    cells of size r, and touching cells that together hold 10 of them, or 0.01 % of the scan if that
+    is more, are a body and stay, however far away. Below 20 points nothing is a stray.
+    """
+    count = len(points)
+    strays = np.zeros(count, bool)
+    if count < _LEAST_POINTS_FOR_STRAYS:
+        return strays
+    middle = np.median(points, axis=0)
+    with np.errstate(over="ignore"):
+        distances = np.abs(points[:, 0] - middle[0])
+        for axis in (1, 2):
+            np.maximum(distances, np.abs(points[:, axis] - middle[axis]), out=distances)
+    inner = count - 1 - max(1, int(_STRAY_SHARE * count))
+    radius = np.partition(distances, inner)[inner]
+    with np.errstate(over="ignore"):
+        far = np.flatnonzero(distances > _STRAY_DISTANCE * radius)
+    if radius <= 0 or not len(far):
+        return strays
+    with np.errstate(over="ignore"):
+        cells = np.floor(np.clip((points[far] - middle) / radius, -1e15, 1e15)).astype(np.int64)
+    strays[far] = _group_sizes(cells) < max(_LEAST_BODY, _BODY_SHARE * count)
+    return strays
+
+
+def _group_sizes(cells: np.ndarray) -> np.ndarray:
+    """(K,) for cells (K, 3): how many entries lie in the group of touching cells of each."""
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
+    distinct, cell = np.unique(cells, axis=0, return_inverse=True)
+    tree = KDTree(distinct.astype(np.float64))
+    touching = tree.sparse_distance_matrix(tree, 1.5, p=np.inf, output_type="coo_matrix")
+    touching.data[:] = 1
+    _, group = connected_components(touching, directed=False)
+    group = group[cell.ravel()]
+    return np.bincount(group)[group]
+
+
+def first_of_equals(points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """(K,) index of the first of each set of equal rows, rising, and (P,) each row's set.
+
+    None where all rows differ. Rows are compared by a 64-bit key that is sorted; should two
+    different rows share a key, at worst some duplicate stays.
+    """
+    keys = _row_keys(points)
+    in_order = np.sort(keys)
+    if not (in_order[1:] == in_order[:-1]).any():
+        return None
+    order = np.argsort(keys)
+    in_order = keys[order]
+    begins = np.ones(len(points), bool)
+    begins[1:] = in_order[1:] != in_order[:-1]
+    same_key = np.flatnonzero(~begins)
+    begins[same_key] = (points[order[same_key]] != points[order[same_key - 1]]).any(axis=1)
+
+    first = np.minimum.reduceat(order, np.flatnonzero(begins))
+    by_place = np.argsort(first)
+    place = np.empty_like(by_place)
+    place[by_place] = np.arange(len(first))
+    group = np.empty(len(points), np.int64)
+    group[order] = place[np.cumsum(begins) - 1]
+    return first[by_place], group
+
+
+def _row_keys(points: np.ndarray) -> np.ndarray:
+    """(P,) uint64: equal for equal rows (also for 0 and -0), else almost surely different."""
+    bits = (points + 0.0).view(np.uint64)
+    keys = bits[:, 0] * np.uint64(0x9E3779B97F4A7C15)
+    for axis, factor in ((1, 0xC2B2AE3D27D4EB4F), (2, 0x165667B19E3779F9)):
+        keys ^= keys >> np.uint64(32)
+        keys += bits[:, axis]
+        keys *= np.uint64(factor)
+    return keys ^ (keys >> np.uint64(29))
+
+
+def _require_surface(points: np.ndarray) -> None:
+    if len(points) < 4:
+        raise InputError(
+            "too_few_points",
+            f"Only {len(points)} distinct points are left and a surface needs at least 4; "
+            "scan more of the part.",
+        )
+    offsets = points - points.mean(axis=0)
+    offsets /= np.abs(offsets).max()
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(offsets.T @ offsets), 0))
+    if spread[1] <= _THINNEST * spread[2]:
+        raise InputError(
+            "collinear_points",
+            "All points lie on one line, which has no surface; check the scan's y and z columns.",
+        )
+
+
+def _with_finite_normals(cloud: PointCloud, normals: np.ndarray) -> tuple[PointCloud, np.ndarray]:
+    """The cloud with zeros for normals that are not finite, and the lengths (P,) of all."""
+    lengths = np.sqrt(np.einsum("pi,pi->p", normals, normals, dtype=np.float64))
+    finite = np.isfinite(lengths)
+    if finite.all():
+        return cloud, lengths
+    filled = np.where(finite[:, None], normals, np.float32(0))
+    return _with_normals(cloud, filled), np.where(finite, lengths, 0.0)
+
+
+def _unit_normals(cloud: PointCloud) -> tuple[PointCloud, int]:
+    """Unit normals, missing ones filled, or none at all; and how many were filled."""
+    if cloud.normals is None:
+        return cloud, 0
+    normals = cloud.normals.astype(np.float64)
+    lengths = np.sqrt(np.einsum("pi,pi->p", normals, normals))
+    missing = lengths == 0
+    if missing.mean() > _BAD_NORMALS_TOLERATED:
+        return _with_normals(cloud, None), 0
+    if missing.any():
+        nearest = _nearest(cloud.points, ~missing, missing)
+        normals[missing], lengths[missing] = normals[nearest], lengths[nearest]
+    unit = (normals / lengths[:, None]).astype(np.float32)
+    return _with_normals(cloud, unit), int(missing.sum())
+
+
+def _nearest(points: np.ndarray, among: np.ndarray, of: np.ndarray) -> np.ndarray:
+    """For each point of mask ``of``, the index of the nearest one of mask ``among``."""
+    from scipy.spatial import KDTree
+
+    tree = KDTree(points[among], balanced_tree=False, compact_nodes=False)
+    return np.flatnonzero(among)[tree.query(points[of])[1]]
+
+
+def _with_normals(cloud: PointCloud, normals: np.ndarray | None) -> PointCloud:
+    return PointCloud(cloud.points, normals, cloud.colors, cloud.scalars)

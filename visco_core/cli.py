@@ -1,0 +1,81 @@
+"""The ``visco`` command. Other packages' commands join by the entry points ``visco.commands``.
+
+An entry point names a module with ``add_arguments(parser)`` and ``run(args) -> exit code``, so that
+the core never imports the service. Only the module of the command that runs is imported.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+from importlib.metadata import EntryPoint, entry_points
+
+OWN_COMMANDS = {
+    "reconstruct": "visco_core.commands.reconstruct",
+    "evaluate": "visco_core.commands.evaluate",
+    "warmup": "visco_core.commands.warmup",
+}
+
+HELP = {
+    "reconstruct": "turn one scan into a mesh, in this process",
+    "evaluate": "measure a mesh against the truth",
+    "warmup": "compile the CPU kernels, once for this machine",
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command; returns 0, 2 for bad input, 1 for any other failure."""
+    from visco_core.errors import InputError, VisCoError
+
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        return _run(words)
+    except VisCoError as error:
+        print(f"visco: {error}", file=sys.stderr)
+        return 2 if isinstance(error, InputError) else 1
+    except BrokenPipeError:
+        return 1
+    except KeyboardInterrupt:
+        print("visco: stopped", file=sys.stderr)
+        return 130
+
+
+def _run(words: list[str]) -> int:
+    others = {found.name: found for found in entry_points(group="visco.commands")}
+    name = next((word for word in words if not word.startswith("-")), None)
+    parser = argparse.ArgumentParser("visco", description="Clean surfaces from scanned points.")
+    parser.add_argument("--version", action="version", version=_version())
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for command in [*OWN_COMMANDS, *others]:
+        summary = HELP.get(command) or (_summary(others[command]) if name is None else "")
+        sub = commands.add_parser(command, help=summary)
+        if command == name:
+            module = _module(command, others)
+            sub.description = (module.__doc__ or "").strip()
+            module.add_arguments(sub)
+            sub.set_defaults(run=module.run)
+    args = parser.parse_args(words)
+    return args.run(args)
+
+
+def _module(command: str, others: dict[str, EntryPoint]):
+    if command in OWN_COMMANDS:
+        return importlib.import_module(OWN_COMMANDS[command])
+    return others[command].load()
+
+
+def _summary(found: EntryPoint) -> str:
+    first = (found.load().__doc__ or "").strip().splitlines()
+    return first[0].rstrip(".") if first else ""
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return f"visco {version('visco')}"
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

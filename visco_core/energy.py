@@ -1,0 +1,198 @@
+"""The paper's energy on one level of the grid, and its Gauss-Newton model.
+
+    E(f) = λp/m Σ f(q)² + λn/m Σ ‖∇f(q) − n‖² + λv/N Σ r² + λc/N Σ Φβ ‖∇f‖,   N = side³
+
+The point and normal losses are quadratic in f: per voxel they are one 8 × 8 matrix and one vector,
+gathered once, so that an iteration costs nothing per point. The viscosity residual r is linearised;
+its matrix JᵀJ is applied in two passes and never formed. Coarea enters by its gradient.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from visco_core.grid.samples import Samples
+from visco_core.grid.topology import Grid
+from visco_core.kernels import ROW, Array
+from visco_core.presets import Weights
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """The energy around ``values`` (N + 1,).
+
+    ``losses`` are the weighted terms; ``gradient`` (N + 1,) is half the energy's gradient at free
+    nodes; ``slopes`` (N + 1, 3) define the viscosity rows.
+    """
+
+    values: Array
+    losses: dict[str, float]
+    gradient: Array
+    slopes: Array
+
+    @property
+    def total(self) -> float:
+        return sum(self.losses.values())
+
+
+class Energy:
+    """The energy on ``grid`` for ``samples`` of the scan."""
+
+    def __init__(self, grid: Grid, samples: Samples, weights: Weights) -> None:
+        self.grid, self.samples, self.weights = grid, samples, weights
+        self._kernels = grid.backend.kernels
+        self._half_inverse = np.float32(0.5 * grid.resolution)
+        self._laplace = np.float32(weights.viscosity_epsilon * grid.resolution**2)
+        self._scale = np.float32(weights.viscosity / grid.side**3)
+        self._flux = grid.backend.zeros(len(grid) + 1, 4)
+        self._matrices, self._vectors = self._kernels.point_system(
+            samples.local,
+            samples.normals,
+            samples.starts,
+            grid.resolution,
+            weights.point / samples.total,
+            weights.normal / samples.total,
+        )
+        self._pull = self._scattered(self._vectors)
+
+    def _scattered(self, per_corner: Array) -> Array:
+        out = self.grid.backend.zeros(len(self.grid) + 1)
+        samples = self.samples
+        self._kernels.scatter(per_corner, samples.corners, samples.slabs, self.grid.flags, out)
+        return out
+
+    def linearise(self, values: Array) -> Linearisation:
+        """Losses, gradient and viscosity rows at ``values`` (N + 1,)."""
+        grid, weights, kernels = self.grid, self.weights, self._kernels
+        slopes = grid.backend.zeros(len(grid) + 1, 3)
+        gradient = grid.backend.zeros(len(grid) + 1)
+        square = kernels.linearise(
+            values,
+            grid.neighbours,
+            grid.flags,
+            self._half_inverse,
+            self._laplace,
+            slopes,
+            self._flux,
+        )
+        kernels.viscosity_columns(
+            self._flux, grid.neighbours, grid.flags, self._laplace, self._scale, gradient
+        )
+        self._add_points(values, gradient)
+        gradient -= self._pull
+        losses = self._point_losses(values) | {"viscosity": float(self._scale) * square}
+        if weights.coarea:
+            losses["coarea"] = self._add_coarea(values, gradient, grid.flags, np.float32(1))
+        return Linearisation(values, losses, gradient, slopes)
+
+    def sampled_gradient(self, values: Array, fraction: float, seed: int) -> Array:
+        """An unbiased estimate (N + 1,) of the energy's gradient from a share of the voxels.
+
+        Keeps each viscosity row, coarea voxel and voxel of points with probability ``fraction``;
+        the same seed keeps the same ones on every backend.
+        """
+        grid, kernels, backend = self.grid, self._kernels, self.grid.backend
+        share = np.float32(1 / fraction)
+        dropped = 1 - self._sample(len(grid) + 1, fraction, 2 * seed)
+        flags = grid.flags - (grid.flags & ROW) * dropped
+        gradient = backend.zeros(len(grid) + 1)
+        slopes = backend.zeros(len(grid) + 1, 3)
+        kernels.linearise(
+            values, grid.neighbours, flags, self._half_inverse, self._laplace, slopes, self._flux
+        )
+        kernels.viscosity_columns(
+            self._flux, grid.neighbours, flags, self._laplace, self._scale * share, gradient
+        )
+        if self.weights.coarea:
+            self._add_coarea(values, gradient, flags, share)
+        s = self.samples
+        kept = self._sample(len(s.corners), fraction, 2 * seed + 1) > 0
+        corners, slabs = s.corners[kept], backend.starts(kept)[s.slabs]
+        kernels.scatter(-share * self._vectors[kept], corners, slabs, grid.flags, gradient)
+        matrices = share * self._matrices[kept]
+        kernels.point_matvec(values, corners, matrices, slabs, grid.flags, gradient)
+        return 2 * gradient
+
+    def _sample(self, count: int, fraction: float, seed: int) -> Array:
+        """(count,) uint8 on the grid's device; drawn on the CPU, whatever the device."""
+        backend = self.grid.backend
+        return backend.array(backend.numpy(backend.kernels.sample(count, fraction, seed)))
+
+    def _point_losses(self, values: Array) -> dict[str, float]:
+        s, weights = self.samples, self.weights
+        square, mismatch = self._kernels.point_sums(
+            values, s.corners, s.local, s.normals, s.starts, self.grid.resolution
+        )
+        return {
+            "point": weights.point * square / s.total,
+            "normal": weights.normal * mismatch / s.total,
+        }
+
+    def _add_points(self, values: Array, out: Array) -> None:
+        s = self.samples
+        self._kernels.point_matvec(values, s.corners, self._matrices, s.slabs, self.grid.flags, out)
+
+    def _add_coarea(self, values: Array, gradient: Array, flags: Array, share: np.float32) -> float:
+        grid = self.grid
+        scale = self.weights.coarea / grid.side**3
+        total = self._kernels.coarea(
+            values,
+            grid.neighbours,
+            grid.slabs,
+            flags,
+            np.float32(grid.resolution),
+            np.float32(self.weights.coarea_beta),
+            np.float32(scale / 2) * share,
+            gradient,
+        )
+        return scale * total
+
+    def matvec(self, at: Linearisation, v: Array, out: Array) -> None:
+        """out = (λv/N JᵀJ + λp/m PᵀP + λn/m GᵀG) v for v (N + 1,) that is zero off free nodes."""
+        grid, kernels = self.grid, self._kernels
+        kernels.viscosity_rows(v, at.slopes, grid.neighbours, grid.flags, self._laplace, self._flux)
+        kernels.viscosity_columns(
+            self._flux, grid.neighbours, grid.flags, self._laplace, self._scale, out
+        )
+        self._add_points(v, out)
+
+    def diagonal(self, at: Linearisation) -> Array:
+        """The diagonal (N + 1,) of the operator of ``matvec``; zero where nothing is free."""
+        grid = self.grid
+        out = grid.backend.zeros(len(grid) + 1)
+        self._kernels.viscosity_diagonal(
+            at.slopes, grid.neighbours, grid.flags, self._laplace, self._scale, out
+        )
+        corner = np.arange(8)
+        return out + self._scattered(self._matrices[:, corner, corner])
+
+    def spline_energies(self, basis: np.ndarray, spacing: int, side: int) -> Array:
+        """What the points and normals make of each spline (side,)³ whose knots lie on the grid.
+
+        basis (2·reach + 1,): the spline along an axis; knots are ``spacing`` nodes apart.
+        """
+        backend, s = self.grid.backend, self.samples
+        return self._kernels.spline_energies(
+            s.corners, self._matrices, self.grid.ijk, backend.array(basis), spacing, side
+        )
+
+    def viscosity_of_spline(self, basis: np.ndarray) -> float:
+        """λv/N Σ (J φ)² of one such spline φ, averaged over the directions of n̂."""
+        line = np.pad(basis.astype(np.float64), 2)
+        cube = line[:, None, None] * line[:, None] * line
+        slopes, laplacian = 0.0, -6 * cube
+        for axis in range(3):
+            low, high = np.roll(cube, 1, axis), np.roll(cube, -1, axis)
+            slopes += np.square((high - low) * self._half_inverse).sum() / 3
+            laplacian += low + high
+        return float(self._scale * (slopes + np.square(self._laplace * laplacian).sum()))
+
+    def with_epsilon(self, epsilon: float) -> Energy:
+        """The same energy with another ε; shares the points' matrices."""
+        other = copy.copy(self)
+        other.weights = replace(self.weights, viscosity_epsilon=epsilon)
+        other._laplace = np.float32(epsilon * self.grid.resolution**2)
+        return other

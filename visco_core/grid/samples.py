@@ -1,0 +1,60 @@
+"""The scan as one level of the grid sees it: which voxel each point is in, and where in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from visco_core.grid.topology import Grid, voxel_corners
+from visco_core.kernels import Array
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Points sorted by voxel.
+
+    corners (M, 8) int32: nodes of the voxels that hold points; starts (M + 1,) int64: each
+    voxel's first point; local (P, 3) float32: position within the voxel; normals (P, 3) float32,
+    zero where there are none; slabs (side + 1,) int64: where each i-slab of voxels starts.
+    ``total`` counts all points of the scan, also those outside the band, so that weights mean the
+    same on every level.
+    """
+
+    corners: Array
+    starts: Array
+    local: Array
+    normals: Array
+    slabs: Array
+    total: int
+
+
+def locate(grid: Grid, points: np.ndarray, normals: np.ndarray | None) -> Samples:
+    """Sorts ``points`` (P, 3) in [0, 1]³ into the grid's voxels; leaves out those off the band.
+
+    normals (P, 3) float32, unit, outward, or None.
+    """
+    backend, resolution = grid.backend, grid.resolution
+    scaled = points * resolution
+    voxels = np.clip(scaled.astype(np.int32), 0, resolution - 1)
+    keys = (voxels[:, 0].astype(np.int64) * resolution + voxels[:, 1]) * resolution + voxels[:, 2]
+    order = np.argsort(keys, kind="stable")
+    keys = keys[order]
+    firsts = np.flatnonzero(np.diff(keys, prepend=-1))
+    corners = backend.numpy(voxel_corners(grid, backend.array(voxels[order[firsts]])))
+    whole = (corners < len(grid)).all(1)
+    counts = np.diff(firsts, append=len(keys))
+    if not whole.all():
+        order = order[np.repeat(whole, counts)]
+        corners, counts, firsts = corners[whole], counts[whole], firsts[whole]
+    local = (scaled[order] - voxels[order]).astype(np.float32)
+    slabs = np.searchsorted(keys[firsts], np.arange(grid.side) * resolution**2)
+    picked = np.zeros_like(local) if normals is None else normals[order]
+    return Samples(
+        corners=backend.array(corners),
+        starts=backend.array(np.append(0, np.cumsum(counts))),
+        local=backend.array(local),
+        normals=backend.array(picked),
+        slabs=backend.array(np.append(slabs, len(corners)).astype(np.int64)),
+        total=len(points),
+    )

@@ -1,0 +1,108 @@
+"""Which compiled or plain kernels a run uses, and where its arrays live.
+
+``reference`` and ``numba_cpu`` have the same functions with the same signatures; the first is the
+specification of the second. Nothing is imported or compiled before ``choose_backend`` is called.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, Literal
+
+import numpy as np
+
+from visco_core.errors import InputError
+
+Array = Any
+"""A numpy array under ``numba``, a torch tensor under ``reference``."""
+
+ROW, FREE = 1, 2
+"""Flags of a node: the viscosity loss has a row there; its value is unknown."""
+
+
+@dataclass(frozen=True)
+class Backend:
+    """A kernel module and the device that its arrays live on."""
+
+    name: Literal["numba", "reference"]
+    device: str
+    kernels: ModuleType
+
+    def array(self, values: np.ndarray) -> Array:
+        """``values`` on the backend's device, copied only where it must be."""
+        if self.name == "numba":
+            return np.ascontiguousarray(values)
+        import torch
+
+        return torch.from_numpy(np.ascontiguousarray(values)).to(self.device)
+
+    def numpy(self, array: Array) -> np.ndarray:
+        return array if isinstance(array, np.ndarray) else array.cpu().numpy()
+
+    def zeros(self, *shape: int) -> Array:
+        """float32 zeros."""
+        if self.name == "numba":
+            return np.zeros(shape, np.float32)
+        import torch
+
+        return torch.zeros(shape, device=self.device)
+
+    def starts(self, counts: Array) -> Array:
+        """(N + 1,) int64: where each of N consecutive runs of ``counts`` entries starts."""
+        if self.name == "numba":
+            return np.append(0, np.cumsum(counts, dtype=np.int64))
+        import torch
+
+        total = counts.long().cumsum(0)
+        return torch.cat([total.new_zeros(1), total])
+
+
+def choose_backend(name: str = "auto", device: str = "auto", threads: int | None = None) -> Backend:
+    """The backend that was asked for; only ``auto`` may choose.
+
+    ``auto`` takes CUDA with the torch kernels where a device answers, else numba on the CPU.
+    Raises InputError (``device_unavailable``, ``invalid_option``) when the request cannot be met.
+    """
+    if device == "cuda" and name == "numba":
+        raise InputError("invalid_option", "The numba backend runs on the CPU; use device cpu.")
+    if device in ("auto", "cuda") and name != "numba" and _has_cuda(required=device == "cuda"):
+        return Backend("reference", "cuda", importlib.import_module("visco_core.kernels.reference"))
+    if name == "reference":
+        import torch
+
+        if threads is not None:
+            torch.set_num_threads(threads)
+        return Backend("reference", "cpu", importlib.import_module("visco_core.kernels.reference"))
+    # GNU OpenMP's threads spin at every barrier: where other processes want the same cores a solve
+    # took 15 to 20 times as long. Waiting passively costs little where they do not.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    import numba
+
+    config = vars(importlib.import_module("numba.core.config"))
+    available = config["NUMBA_NUM_THREADS"]
+    numba.set_num_threads(min(threads or available, available))
+    return Backend("numba", "cpu", importlib.import_module("visco_core.kernels.numba_cpu"))
+
+
+def _has_cuda(required: bool) -> bool:
+    """Whether torch can use a CUDA device; asks the driver first, since torch is slow to import."""
+    if not required and not _driver_present():
+        return False
+    import torch
+
+    if torch.cuda.is_available():
+        return True
+    if required:
+        raise InputError(
+            "device_unavailable", "No CUDA device answers; use --device cpu or install the driver."
+        )
+    return False
+
+
+def _driver_present() -> bool:
+    from ctypes.util import find_library
+
+    return find_library("cuda") is not None

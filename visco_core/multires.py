@@ -1,0 +1,298 @@
+"""Coarse to fine: the level schedule against the clock and the memory limit.
+
+The coarsest level decides topology and holes and has all its nodes; each finer one halves the
+spacing on a narrow band around the surface found so far. Before a level begins, its cost is
+predicted from its number of nodes and the speed measured so far: it gets a share of the time that
+is left, or is not begun, and the finest finished level stands.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from visco_core.clock import Clock
+from visco_core.energy import Energy
+from visco_core.errors import ResourceError
+from visco_core.grid.samples import Samples, locate
+from visco_core.grid.topology import Grid, dense_grid, refine
+from visco_core.initial import starting_values
+from visco_core.kernels import Array, Backend
+from visco_core.presets import Settings, Weights
+from visco_core.result import Outcome
+from visco_core.solvers.adam import Adam
+from visco_core.solvers.gauss_newton import GaussNewton
+from visco_core.solvers.loop import Solver, State, minimise
+
+COARSEST = 64
+"""Voxels an axis of the coarsest level, within a factor of √2."""
+
+CONTINUATION = (4.0, 2.0, 1.0)
+"""ε on the coarsest level, in turn, as multiples of the asked one. A larger ε leaves fewer local
+minima and moves the surface across holes in few steps; starting at the asked ε ends higher."""
+
+BYTES_PER_NODE = 150
+BYTES_PER_POINT = 420
+SECONDS_PER_NODE_STEP = 8e-9
+SETUP_STEPS = 15
+FINISH_STEPS = 30
+LEAST_STEPS = 15
+MULTILEVEL_STEPS = 2
+"""Costs in units of one conjugate-gradient iteration over the level's nodes: building a level,
+extracting and writing its surface, the least work that makes a level worth beginning, and an
+iteration with the multilevel preconditioner, which the coarsest level has."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be solved: points (P, 3) in [0, 1]³, normals (P, 3) to start from and to fit."""
+
+    points: np.ndarray
+    start_normals: np.ndarray
+    fitted_normals: np.ndarray | None
+    settings: Settings
+
+    @property
+    def weights(self) -> Weights:
+        """Those of the settings; missing normals must not be fitted as if they were zero."""
+        weights = self.settings.weights
+        return weights if self.fitted_normals is not None else replace(weights, normal=0.0)
+
+
+@dataclass(frozen=True)
+class SolvedLevel:
+    grid: Grid
+    values: Array
+    samples: Samples
+    losses: dict[str, float]
+
+
+def plan_resolutions(resolution: int) -> list[int]:
+    """Voxels an axis of each level, doubling; the last is ``resolution``, rounded up to fit."""
+    halvings = max(0, round(np.log2(resolution / COARSEST)))
+    coarsest = -(-resolution // 2**halvings)
+    return [coarsest << level for level in range(halvings + 1)]
+
+
+class LevelPlan:
+    """Predicts what levels cost and shares the clock among them.
+
+    A cost is a number of node-steps: nodes times iterations.
+    """
+
+    def __init__(self, settings: Settings, clock: Clock, points: int) -> None:
+        self.resolutions = plan_resolutions(settings.config.resolution)
+        self.settings, self.clock, self.points = settings, clock, points
+        self.seconds_per_node_step = SECONDS_PER_NODE_STEP
+        self.nodes = [float((self.resolutions[0] + 1) ** 3)]
+        self.nodes += [1.1 * self.nodes[0] * 4**level for level in range(len(self.resolutions) - 1)]
+
+    def stages(self, level: int) -> list[tuple[float, Solver[Any]]]:
+        """What is run on ``level``, one after the other: ε and a solver."""
+        schedule = self.settings.schedule
+        epsilon = self.settings.weights.viscosity_epsilon
+        if self.settings.config.profile == "paper":
+            adam = Adam(
+                iterations=_entry(schedule.epochs, level) * schedule.iterations,
+                batch_fraction=schedule.batch_fraction,
+                learning_rate=schedule.learning_rate,
+                seed=self.settings.config.seed + level,
+            )
+            return [(epsilon, adam)]
+        steps = _entry(schedule.outer_steps, level), _entry(schedule.inner_steps, level)
+        factors = CONTINUATION if level == 0 else (1.0,)
+        return [(factor * epsilon, GaussNewton(*steps)) for factor in factors]
+
+    def foresee(self, values: np.ndarray, level: int) -> None:
+        """Predicts the nodes of the next levels from the values on this one."""
+        width = self.settings.schedule.band_width / self.resolutions[level + 1]
+        following = 8.0 * np.count_nonzero(np.abs(values[:-1]) < width)
+        for later in range(level + 1, len(self.nodes)):
+            self.nodes[later] = following * 4 ** (later - level - 1)
+
+    def measured(self, level: int, work: int, seconds: float) -> None:
+        steps = work * self._steps_per_iteration(level)
+        self.seconds_per_node_step = seconds / (self.nodes[level] * max(steps, 1))
+
+    def _steps_per_iteration(self, level: int) -> int:
+        fast = self.settings.config.profile == "fast"
+        return MULTILEVEL_STEPS if fast and level == 0 else 1
+
+    def cost(self, level: int, least: bool = False) -> float:
+        work = LEAST_STEPS if least else sum(solver.work for _, solver in self.stages(level))
+        steps = work * self._steps_per_iteration(level)
+        return self.nodes[level] * (SETUP_STEPS + steps) * self.seconds_per_node_step
+
+    def finish_seconds(self, level: int) -> float:
+        return self.nodes[level] * FINISH_STEPS * self.seconds_per_node_step
+
+    def memory_bytes(self, level: int) -> float:
+        return 2.5e8 + self.nodes[level] * BYTES_PER_NODE + self.points * BYTES_PER_POINT
+
+    def affordable(self, level: int) -> str | None:
+        """Why ``level`` cannot be begun (an outcome code), or None."""
+        limit = self.settings.config.budget.memory_bytes
+        if limit is not None and self.memory_bytes(level) > limit:
+            return "memory_limited"
+        needed = self.cost(level, least=True) + self.finish_seconds(level)
+        return "budget_exhausted" if needed > self.clock.remaining_seconds else None
+
+    def start(self, level: int) -> None:
+        """Gives ``level`` its share of the time left, keeping enough for the finer ones' start."""
+        last = self._last_reachable(level)
+        costs = [self.cost(k) for k in range(level, last + 1)]
+        left = self.clock.remaining_seconds - self.finish_seconds(last)
+        self.clock.start_slice(max(left * costs[0] / sum(costs), 0.0))
+        self.expect(level, costs[0])
+
+    def expect(self, level: int, seconds: float) -> None:
+        """Tells the clock what is left: ``seconds`` on this level, then the later ones."""
+        last = self._last_reachable(level)
+        later = sum(self.cost(k) for k in range(level + 1, last + 1)) + self.finish_seconds(last)
+        here = min(seconds, self.clock.slice_seconds)
+        self.clock.expect(min(here + later, max(self.clock.remaining_seconds, 0.0)))
+
+    def _last_reachable(self, level: int) -> int:
+        last = level
+        while last + 1 < len(self.nodes) and self._reachable(level, last + 1):
+            last += 1
+        return last
+
+    def _reachable(self, level: int, last: int) -> bool:
+        least = sum(self.cost(k, least=True) for k in range(level, last + 1))
+        return least + self.finish_seconds(last) <= self.clock.remaining_seconds
+
+
+def _entry(values: tuple[int, ...], level: int) -> int:
+    return values[min(level, len(values) - 1)]
+
+
+def solve_levels(
+    backend: Backend,
+    problem: Problem,
+    clock: Clock,
+    on_level: Callable[[SolvedLevel], None] | None = None,
+) -> tuple[SolvedLevel, Outcome]:
+    """The finest level that time and memory allow.
+
+    Raises ResourceError (``memory_too_small``, ``budget_too_short``) when not even the coarsest
+    fits, and Stopped.
+    """
+    plan = LevelPlan(problem.settings, clock, len(problem.points))
+    _require_coarsest(plan)
+    best = _solve_level(plan, 0, None, problem, backend)
+    for level in range(1, len(plan.resolutions)):
+        plan.foresee(backend.numpy(best.values), level - 1)
+        reason = plan.affordable(level)
+        if reason:
+            return best, _outcome(plan, best.grid.resolution, reason)
+        if on_level is not None:
+            on_level(best)
+        best = _solve_level(plan, level, best, problem, backend)
+    return best, _outcome(plan, best.grid.resolution, None)
+
+
+def _begin(
+    backend: Backend, problem: Problem, resolution: int, coarser: SolvedLevel | None
+) -> tuple[Grid, Array]:
+    if coarser is not None:
+        return refine(coarser.grid, coarser.values, problem.settings.schedule.band_width)
+    values = starting_values(backend, problem.points, problem.start_normals, resolution)
+    return dense_grid(backend, resolution + 1), backend.array(values)
+
+
+def _solve_level(
+    plan: LevelPlan,
+    level: int,
+    coarser: SolvedLevel | None,
+    problem: Problem,
+    backend: Backend,
+) -> SolvedLevel:
+    clock, resolution = plan.clock, plan.resolutions[level]
+    with clock.phase("refine" if coarser else "start", resolution=resolution) as entry:
+        grid, values = _begin(backend, problem, resolution, coarser)
+        entry["nodes"] = plan.nodes[level] = len(grid)
+    plan.start(level)
+    with clock.phase("solve", resolution=resolution, nodes=len(grid)) as entry:
+        samples = locate(grid, problem.points, problem.fitted_normals)
+        energy = Energy(grid, samples, problem.weights)
+        reporter = _Reporter(plan, level)
+        losses: dict[str, float] = {}
+        for epsilon, solver in plan.stages(level):
+            state = minimise(solver, energy.with_epsilon(epsilon), values, clock, reporter.tell)
+            values, losses = state.values, state.losses
+            reporter.end_stage(state)
+        plan.measured(level, reporter.work, reporter.seconds)
+        entry.update(steps=reporter.steps, iterations=reporter.work, **losses)
+    return SolvedLevel(grid, values, samples, losses)
+
+
+class _Reporter:
+    """Counts the steps of a level over its stages and tells the clock of each."""
+
+    def __init__(self, plan: LevelPlan, level: int) -> None:
+        self._plan, self._clock, self._level = plan, plan.clock, level
+        self._resolution, self._levels = plan.resolutions[level], len(plan.resolutions)
+        self._planned = sum(solver.steps for _, solver in plan.stages(level))
+        self._begun = time.monotonic()
+        self.steps = self.work = 0
+
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self._begun
+
+    def tell(self, state: State) -> None:
+        step = self.steps + state.steps
+        self._plan.expect(self._level, self.seconds * (self._planned / step - 1))
+        self._clock.steps.append({"resolution": self._resolution, "step": step, **state.losses})
+        self._clock.report(
+            "solve",
+            level=self._level + 1,
+            levels=self._levels,
+            resolution=self._resolution,
+            step=step,
+            steps=self._planned,
+            losses=state.losses,
+        )
+
+    def end_stage(self, state: State) -> None:
+        self.steps += state.steps
+        self.work += state.work
+
+
+def _require_coarsest(plan: LevelPlan) -> None:
+    reason = plan.affordable(0)
+    if reason == "memory_limited":
+        needed = plan.memory_bytes(0) / 2**20
+        raise ResourceError(
+            "memory_too_small",
+            f"Even the coarsest level needs about {needed:.0f} MiB; raise the memory limit.",
+        )
+    if reason == "budget_exhausted":
+        enough = plan.cost(0, least=True) + plan.finish_seconds(0) + plan.clock.elapsed_seconds
+        raise ResourceError(
+            "budget_too_short",
+            f"The time budget ends before the coarsest level; about {enough + 1:.0f} s would do.",
+        )
+
+
+def _outcome(plan: LevelPlan, reached: int, reason: str | None) -> Outcome:
+    asked = plan.resolutions[-1]
+    if reason == "budget_exhausted":
+        message = (
+            f"The time budget ended at {reached} of {asked} voxels; "
+            f"a longer budget would reach the finer level."
+        )
+        return Outcome("budget_exhausted", message, reached)
+    if reason == "memory_limited":
+        needed = plan.memory_bytes(plan.resolutions.index(reached) + 1) / 2**30
+        message = (
+            f"The memory limit ended the run at {reached} of {asked} voxels; "
+            f"the next level needs about {needed:.1f} GiB."
+        )
+        return Outcome("memory_limited", message, reached)
+    return Outcome("complete", f"Reached the full resolution of {reached} voxels.", reached)

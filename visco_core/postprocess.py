@@ -1,0 +1,88 @@
+"""What is done to a mesh after extraction: colours, trimming, decimation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from visco_core.config import ReconstructionConfig
+from visco_core.errors import InputError
+from visco_core.pointcloud import PointCloud
+from visco_core.result import Mesh
+
+CARRIED_FROM = 4
+"""How many points a vertex takes its colour from: one alone would leave jagged borders."""
+
+
+def finish_mesh(mesh: Mesh, cloud: PointCloud, config: ReconstructionConfig) -> Mesh:
+    """``mesh`` trimmed, decimated and coloured as the settings and the scan ask."""
+    if config.trim is not None:
+        mesh = trim(mesh, cloud.points, config.trim)
+    if config.decimate is not None and len(mesh.faces) > config.decimate:
+        mesh = decimate(mesh, config.decimate)
+    if cloud.colors is not None or cloud.scalars:
+        mesh = carry_attributes(mesh, cloud)
+    return mesh
+
+
+def trim(mesh: Mesh, points: np.ndarray, distance: float) -> Mesh:
+    """``mesh`` without the faces that have a vertex farther than ``distance`` from every point.
+
+    Raises InputError (``trim_removes_all``) when nothing would be left.
+    """
+    nearest = KDTree(points).query(mesh.vertices, distance_upper_bound=distance, workers=-1)[0]
+    faces = mesh.faces[np.isfinite(nearest)[mesh.faces].all(1)]
+    if not len(faces):
+        raise InputError(
+            "trim_removes_all",
+            f"Trimming at {distance:g} removes the whole mesh; use a larger one.",
+        )
+    used, faces = np.unique(faces, return_inverse=True)
+    return Mesh(
+        mesh.vertices[used],
+        faces.reshape(-1, 3).astype(np.int32),
+        None if mesh.normals is None else mesh.normals[used],
+    )
+
+
+def decimate(mesh: Mesh, triangles: int) -> Mesh:
+    """``mesh`` reduced to about ``triangles`` faces by quadric edge collapse."""
+    import fast_simplification
+
+    center = mesh.vertices.mean(0)
+    reduced = fast_simplification.simplify(
+        (mesh.vertices - center).astype(np.float32), mesh.faces, target_count=triangles
+    )
+    vertices, faces = reduced[0], reduced[1]
+    return Mesh(vertices + center, faces.astype(np.int32), vertex_normals(vertices, faces))
+
+
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(V, 3) float32 unit normals, the area-weighted mean of the faces around each vertex."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    area = np.cross(b - a, c - a)
+    total = np.zeros(vertices.shape)
+    for k in range(3):
+        np.add.at(total, faces[:, k], area)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return (total / np.maximum(length, 1e-300)).astype(np.float32)
+
+
+def carry_attributes(mesh: Mesh, cloud: PointCloud) -> Mesh:
+    """``mesh`` with the colours and scalars of the nearest points, weighted by 1 / distance²."""
+    count = min(CARRIED_FROM, len(cloud))
+    found = KDTree(cloud.points).query(mesh.vertices, count, workers=-1)
+    distance, nearest = (np.reshape(part, (-1, count)) for part in found)
+    weights = 1 / np.maximum(distance, 1e-9 * np.ptp(cloud.points, axis=0).max()) ** 2
+    weights /= weights.sum(1, keepdims=True)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.einsum("vk,vk...->v...", weights, values[nearest])
+
+    return replace(
+        mesh,
+        colors=None if cloud.colors is None else np.rint(mean(cloud.colors)).astype(np.uint8),
+        attributes={k: mean(values).astype(np.float32) for k, values in cloud.scalars.items()},
+    )

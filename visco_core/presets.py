@@ -1,0 +1,127 @@
+"""The settings that a run really uses: what the user said, and the profile's values elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from visco_core.config import LossWeights, ReconstructionConfig
+
+if TYPE_CHECKING:
+    from visco_core.noise import Noise
+
+
+@dataclass(frozen=True)
+class Weights:
+    """λp, λn, λv, λc, ε and β, all decided; see ``config.LossWeights``."""
+
+    point: float
+    normal: float
+    viscosity: float
+    coarea: float
+    viscosity_epsilon: float
+    coarea_beta: float
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """The level schedule, all decided; see ``config.LevelSchedule``."""
+
+    outer_steps: tuple[int, ...]
+    inner_steps: tuple[int, ...]
+    epochs: tuple[int, ...]
+    iterations: int
+    batch_fraction: float
+    learning_rate: float
+    band_width: float
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A config with nothing left open."""
+
+    config: ReconstructionConfig
+    weights: Weights
+    schedule: Schedule
+
+
+PAPER_WEIGHTS = Weights(
+    point=0.1,
+    normal=1e-5,
+    viscosity=1e-4,
+    coarea=1e-6,
+    viscosity_epsilon=1e-2,
+    coarea_beta=1e-2,
+)
+"""Section 4 of the paper; it does not give β."""
+
+FAST_WEIGHTS = Weights(
+    point=0.1,
+    normal=3e-5,
+    viscosity=1e-5,
+    coarea=0.0,
+    viscosity_epsilon=5e-3,
+    coarea_beta=1e-2,
+)
+"""λn and λv are those of a scan whose noise is not known; see ``weights_for_noise``."""
+
+VISCOSITY_PER_VARIANCE = 1e6
+"""λv · m / σ² in units of the cube: how strongly the prior weighs against one point."""
+
+VOXEL_ERROR = 0.05
+"""What trilinear voxels add to the noise, as a share of the finest voxel."""
+
+LEAST_NORMAL_DEVIATION = 0.05
+"""No normals are trusted beyond this, in radians."""
+
+PAPER_EPOCHS = {30: (5, 5, 3), 21: (2, 2, 2), 15: (2, 2, 2), 8: (2, 2, 1)}
+"""Minutes of the paper's budget table → epochs on each level."""
+
+PAPER_PRUNE = {30: 12.0, 21: 12.0, 15: 6.0, 8: 6.0}
+"""Voxels kept on either side of the surface, for the paper's t = 0.9 and t = 0.4 (erratum 3)."""
+
+FAST_OUTER_STEPS, FAST_INNER_STEPS, FAST_BAND_WIDTH = (5, 3), (30, 20), 4.0
+
+
+def weights_for_noise(noise: Noise, points: int, resolution: int) -> Weights:
+    """The weights of the profile ``fast`` for a scan's noise in units of the cube.
+
+    Maximum a posteriori: m points of variance σ² and normals of variance σn² weigh λp/m : λn/m as
+    1/σ² : 1/σn², and the prior's weight relative to all of them is constant, so
+
+        λn = λp σ² / σn²,    λv = VISCOSITY_PER_VARIANCE · σ² / m.
+    """
+    base = FAST_WEIGHTS
+    variance = noise.position**2 + (VOXEL_ERROR / resolution) ** 2
+    normal_variance = max(noise.normal, LEAST_NORMAL_DEVIATION) ** 2
+    return replace(
+        base,
+        normal=min(base.point * variance / normal_variance, 1e-3),
+        viscosity=min(VISCOSITY_PER_VARIANCE * variance / points, 1e-1),
+    )
+
+
+def decide(config: ReconstructionConfig, weights: Weights | None = None) -> Settings:
+    """``config`` with every None filled in: by ``weights`` if given, else by the profile."""
+    if weights is None:
+        weights = PAPER_WEIGHTS if config.profile == "paper" else FAST_WEIGHTS
+    asked = config.schedule
+    minutes = asked.paper_minutes
+    band_width = FAST_BAND_WIDTH if asked.band_width is None else asked.band_width
+    if config.profile == "paper":
+        band_width = PAPER_PRUNE[minutes] if asked.prune is None else asked.prune
+    schedule = Schedule(
+        outer_steps=asked.outer_steps or FAST_OUTER_STEPS,
+        inner_steps=asked.inner_steps or FAST_INNER_STEPS,
+        epochs=asked.epochs or PAPER_EPOCHS[minutes],
+        iterations=asked.iterations,
+        batch_fraction=asked.batch_fraction,
+        learning_rate=asked.learning_rate,
+        band_width=band_width,
+    )
+    return Settings(config, _merged(weights, config.weights), schedule)
+
+
+def _merged(defaults: Weights, asked: LossWeights) -> Weights:
+    """``defaults`` with the values of ``asked`` that are not None."""
+    return replace(defaults, **{k: v for k, v in vars(asked).items() if v is not None})

@@ -1,0 +1,113 @@
+"""Point cloud → levels → mesh, on one page."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from visco_core.clean import clean_points
+from visco_core.clock import Clock, peak_memory_bytes
+from visco_core.config import ReconstructionConfig
+from visco_core.extract import extract_isosurface, supported_pieces
+from visco_core.frame import Normalisation
+from visco_core.kernels import choose_backend
+from visco_core.multires import Problem, SolvedLevel, solve_levels
+from visco_core.noise import estimate_noise
+from visco_core.normals import estimate_normals
+from visco_core.pointcloud import PointCloud
+from visco_core.postprocess import finish_mesh
+from visco_core.presets import Settings, decide, weights_for_noise
+from visco_core.progress import ProgressCallback, ShouldStop
+from visco_core.result import Mesh, Outcome, Reconstruction
+
+LevelCallback = Callable[[Mesh, int], None]
+
+
+def reconstruct(
+    cloud: PointCloud,
+    config: ReconstructionConfig | None = None,
+    *,
+    on_progress: ProgressCallback | None = None,
+    on_level: LevelCallback | None = None,
+    should_stop: ShouldStop | None = None,
+    started_at: float | None = None,
+) -> Reconstruction:
+    """The surface of ``cloud`` as a closed triangle mesh in the scan's own frame.
+
+    ``on_level(mesh, resolution)`` receives an intermediate mesh after each level but the last.
+    ``should_stop`` is asked often; Stopped is raised within half a second of its first True.
+    ``started_at``, a time.monotonic() value, is when the budget began to run; default: now.
+
+    Raises InputError for a scan or setting that cannot be used, ResourceError where memory or time
+    do not suffice for the coarsest level, Stopped, and SolveError.
+    """
+    config = config or ReconstructionConfig()
+    clock = Clock(
+        time.monotonic() if started_at is None else started_at,
+        config.budget.seconds,
+        should_stop,
+        on_progress,
+    )
+    backend = choose_backend(config.backend, config.device, config.threads)
+    with clock.phase("prepare", points=len(cloud)) as entry:
+        cloud = cloud if config.crop is None else cloud.crop(config.crop)
+        cloud, cleaning = clean_points(cloud, normals=config.normals)
+        entry["notes"] = cleaning.sentences
+        frame = Normalisation.of(cloud.points)
+    normals = cloud.normals
+    if normals is None:
+        with clock.phase("normals"):
+            normals = estimate_normals(cloud.points)
+    points = frame.to_cube(cloud.points)
+    settings = decide(config)
+    if config.profile == "fast":
+        with clock.phase("noise") as entry:
+            noise = estimate_noise(points, normals, config.seed)
+            entry.update(position=noise.position * frame.scale, normal_radians=noise.normal)
+        settings = decide(config, weights_for_noise(noise, len(points), config.resolution))
+    fitted = None if config.normals == "ignore" else normals
+    problem = Problem(points, normals, fitted, settings)
+
+    def surface(level: SolvedLevel) -> Mesh:
+        found = extract_isosurface(level.grid, level.values)
+        found = supported_pieces(found, level.samples, backend)
+        return Mesh(frame.to_scan(found.vertices), found.faces, found.normals)
+
+    def level_done(level: SolvedLevel) -> None:
+        if on_level is not None:
+            on_level(surface(level), level.grid.resolution)
+
+    level, outcome = solve_levels(backend, problem, clock, level_done if on_level else None)
+    with clock.phase("extract") as entry:
+        mesh = finish_mesh(surface(level), cloud, config)
+        entry.update(vertices=len(mesh.vertices), triangles=len(mesh.faces))
+    backend_name = f"{backend.name} on {backend.device}"
+    return Reconstruction(mesh, outcome, _report(settings, clock, outcome, frame, backend_name))
+
+
+def _report(
+    settings: Settings,
+    clock: Clock,
+    outcome: Outcome,
+    frame: Normalisation,
+    backend_name: str,
+) -> dict[str, Any]:
+    """Settings, phases with seconds and peak memory, loss terms per step, outcome, backend."""
+    return {
+        "settings": {
+            **asdict(settings.config),
+            "weights": asdict(settings.weights),
+            "schedule": asdict(settings.schedule),
+        },
+        "backend": backend_name,
+        "outcome": asdict(outcome),
+        "frame": {"center": np.asarray(frame.center).tolist(), "scale": frame.scale},
+        "phases": clock.phases,
+        "steps": clock.steps,
+        "seconds": round(clock.elapsed_seconds, 4),
+        "peak_memory_bytes": peak_memory_bytes(),
+    }

@@ -1,0 +1,108 @@
+"""Gauss-Newton with conjugate gradients inside, for the profile ``fast``.
+
+All losses but coarea are sums of squares. With n̂ = ∇̂f/‖∇̂f‖ and sign(f) held fixed a step solves
+
+    (λv/N JᵀJ + λp/m PᵀP + λn/m GᵀG) δ = −½ ∂E/∂f
+
+to a loose tolerance by preconditioned conjugate gradients, and halves δ until the energy does not
+grow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from visco_core.energy import Energy, Linearisation
+from visco_core.kernels import Array
+from visco_core.solvers.loop import Pace
+from visco_core.solvers.preconditioner import Multilevel, Preconditioner, jacobi
+
+HALVINGS = 4
+
+LEAST_INNER_STEPS = 10
+"""Fewer iterations than this would leave a step that is hardly worth its linearisation."""
+
+
+@dataclass(frozen=True)
+class GaussNewtonState:
+    """``precondition`` makes, from the operator's diagonal, what is applied to each residual."""
+
+    at: Linearisation
+    precondition: Callable[[Array], Preconditioner]
+    steps: int = 0
+    work: int = 0
+    converged: bool = False
+
+    @property
+    def values(self) -> Array:
+        return self.at.values
+
+    @property
+    def losses(self) -> dict[str, float]:
+        return self.at.losses
+
+
+@dataclass(frozen=True)
+class GaussNewton:
+    """At most ``steps`` outer steps of at most ``inner_steps`` CG iterations each.
+
+    CG stops at ``inner_tolerance`` of its first preconditioned residual, the outer loop when a step
+    lowers the energy by less than ``outer_tolerance`` of itself.
+    """
+
+    steps: int
+    inner_steps: int
+    inner_tolerance: float = 3e-3
+    outer_tolerance: float = 1e-5
+
+    @property
+    def work(self) -> int:
+        return self.steps * self.inner_steps
+
+    def init(self, energy: Energy, values: Array) -> GaussNewtonState:
+        precondition = Multilevel(energy) if energy.grid.is_dense else jacobi
+        return GaussNewtonState(energy.linearise(values), precondition)
+
+    def step(self, energy: Energy, state: GaussNewtonState, pace: Pace) -> GaussNewtonState:
+        delta, used = self._solve(energy, state, pace)
+        after = replace(state, steps=state.steps + 1, work=state.work + used)
+        before = state.at.total
+        for halving in range(HALVINGS + 1):
+            trial = energy.linearise(state.values + np.float32(0.5**halving) * delta)
+            pace.check()
+            if trial.total <= before:
+                small = before - trial.total < self.outer_tolerance * before
+                return replace(after, at=trial, converged=small)
+        return replace(after, converged=True)
+
+    def done(self, state: GaussNewtonState) -> bool:
+        return state.converged or state.steps >= self.steps
+
+    def _solve(self, energy: Energy, state: GaussNewtonState, pace: Pace) -> tuple[Array, int]:
+        """Preconditioned conjugate gradients for the step δ (N + 1,)."""
+        backend = energy.grid.backend
+        kernels = backend.kernels
+        at = state.at
+        precondition = state.precondition(energy.diagonal(at))
+        x, q = backend.zeros(*at.values.shape), backend.zeros(*at.values.shape)
+        r = -at.gradient
+        z = precondition(r)
+        p = z + 0
+        rz = first = kernels.dot(r, z)
+        for iteration in range(self.inner_steps):
+            pace.check()
+            energy.matvec(at, p, q)
+            curvature = kernels.dot(p, q)
+            if curvature <= 0:
+                return x, iteration
+            kernels.cg_advance(x, r, p, q, np.float32(rz / curvature))
+            z = precondition(r)
+            rz, previous = kernels.dot(r, z), rz
+            enough = rz <= self.inner_tolerance**2 * first
+            if enough or (iteration >= LEAST_INNER_STEPS and pace.late()):
+                return x, iteration + 1
+            kernels.cg_direction(p, z, np.float32(rz / previous))
+        return x, self.inner_steps
