@@ -1,0 +1,29 @@
+# The API: no torch, no solver libraries. Build from the project's root:
+#   docker build -f docker/service.Dockerfile -t visco-service .
+FROM python:3.11-slim AS build
+WORKDIR /source
+COPY pyproject.toml README.md constraints.txt ./
+COPY visco_core visco_core
+COPY service service
+COPY worker worker
+COPY docker/service-requirements.txt ./
+RUN python -m venv /opt/visco \
+    && /opt/visco/bin/pip install --no-cache-dir -c constraints.txt -r service-requirements.txt \
+    && /opt/visco/bin/pip install --no-cache-dir --no-deps .
+
+FROM python:3.11-slim
+RUN useradd --system --uid 10001 --create-home visco && install -d -o visco /data
+COPY --from=build /opt/visco /opt/visco
+ENV PATH=/opt/visco/bin:$PATH \
+    PYTHONDONTWRITEBYTECODE=1 \
+    PYTHONUNBUFFERED=1 \
+    VISCO_DATA_DIR=/data \
+    VISCO_HOST=0.0.0.0 \
+    VISCO_LOG_FORMAT=json
+USER visco
+VOLUME /data
+EXPOSE 8000
+HEALTHCHECK --interval=10s --timeout=3s --start-period=20s CMD ["python", "-c", \
+    "import urllib.request; urllib.request.urlopen('http://127.0.0.1:8000/healthz', timeout=2)"]
+ENTRYPOINT ["visco"]
+CMD ["api"]

@@ -1,0 +1,1 @@
+"""The HTTP side: routes, what they take and give, and how refusals look."""

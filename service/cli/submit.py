@@ -1,0 +1,76 @@
+"""Submit a scan to a service, and wait for the mesh if asked to."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from service.cli.common import (
+    add_service_arguments,
+    add_set_argument,
+    artifact_for,
+    parse_settings,
+    with_client,
+)
+
+if TYPE_CHECKING:
+    from service.client import Client, Job
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scan", type=Path)
+    parser.add_argument("--wait", action="store_true", help="wait until the job has ended")
+    parser.add_argument(
+        "-o", "--output", type=Path, action="append", default=[], help="file to write; waits"
+    )
+    parser.add_argument("--label", help="a name for the job")
+    add_set_argument(parser)
+    add_service_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    if not args.scan.is_file():
+        print(f"{args.scan} is not a file; check the path.", file=sys.stderr)
+        return 2
+    names = {output: artifact_for(output) for output in args.output}
+    params = parse_settings(args.set)
+    if args.label:
+        params["label"] = args.label
+    if names:
+        params.setdefault("outputs", sorted(set(names.values())))
+
+    def action(client: Client) -> int:
+        job = client.submit(args.scan, **params)
+        print(job.id, flush=True)
+        if args.wait or names:
+            _wait(client, job.id)
+            for output, name in names.items():
+                client.download(job.id, name, output)
+        return 0
+
+    return with_client(args, action)
+
+
+def _wait(client: Client, job_id: str) -> None:
+    """With a bar on a terminal, silently elsewhere."""
+    if not sys.stderr.isatty():
+        client.wait(job_id)
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with ExitStack() as stack:
+        bar = stack.enter_context(Progress(console=Console(stderr=True), transient=True))
+        shown = bar.add_task("queued", total=1.0)
+
+        def show(job: Job) -> None:
+            progress = job.raw["progress"] or {}
+            phase = progress.get("phase", job.status)
+            resolution = progress.get("resolution")
+            text = f"{phase} {resolution}" if resolution else phase
+            bar.update(shown, completed=job.fraction, description=text)
+
+        client.wait(job_id, show)

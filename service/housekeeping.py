@@ -1,0 +1,54 @@
+"""What an API process does beside answering: reap, sweep, and deliver webhooks."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Callable
+
+from starlette.concurrency import run_in_threadpool
+
+from service.api.container import Services
+from service.jobs.reaper import Reaper
+from service.jobs.sweeper import Sweeper
+from service.webhooks.sender import WebhookSender
+
+log = logging.getLogger(__name__)
+_WEBHOOK_SECONDS = 1.0
+_SWEEP_SECONDS = 600.0
+
+
+class Housekeeper:
+    """Runs each chore in turns of its own; a chore that fails is tried again on its next turn."""
+
+    def __init__(self, parts: Services) -> None:
+        self.sender = WebhookSender(parts.database, parts.settings)
+        reaper = Reaper(parts.database, parts.bell, parts.settings)
+        sweeper = Sweeper(parts.database, parts.storage, parts.settings)
+        self._chores: list[tuple[Callable[[], object], float]] = [
+            (reaper.run, parts.settings.reap_seconds),
+            (sweeper.run, _SWEEP_SECONDS),
+            (self.sender.send_due, _WEBHOOK_SECONDS),
+        ]
+        self._tasks: list[asyncio.Task[None]] = []
+
+    def start(self) -> None:
+        self._tasks = [asyncio.create_task(_repeat(*chore)) for chore in self._chores]
+
+    async def close(self) -> None:
+        for task in self._tasks:
+            task.cancel()
+        for task in self._tasks:
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+        self.sender.close()
+
+
+async def _repeat(chore: Callable[[], object], seconds: float) -> None:
+    while True:
+        try:
+            await run_in_threadpool(chore)
+        except Exception:
+            log.exception("A chore failed; it is tried again in %s s", seconds)
+        await asyncio.sleep(seconds)

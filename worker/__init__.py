@@ -1,0 +1,1 @@
+"""The bridge between the service's queue and the solver."""
