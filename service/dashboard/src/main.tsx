@@ -1,0 +1,20 @@
+import "./styles/tokens.css";
+import "./styles/base.css";
+import "./styles/layout.css";
+import "./styles/form.css";
+import "./styles/jobs.css";
+import "./styles/job.css";
+import "./styles/viewer.css";
+import "./styles/compare.css";
+import { render } from "preact";
+import { App } from "./App";
+import { watchJobs } from "./state/jobs";
+import { loadOptions } from "./state/options";
+import { installRouter } from "./state/route";
+import { installTheme } from "./state/theme";
+
+installTheme();
+installRouter();
+watchJobs();
+loadOptions();
+render(<App />, document.getElementById("app")!);

@@ -1,0 +1,106 @@
+/** Metrics and settings of several jobs, a column each. */
+import { useSignal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
+import type { Job } from "../api/types";
+import { type Metric, metric, settingsRows } from "../logic/compare";
+import { count, duration, jobName, significant } from "../logic/format";
+import { fieldName } from "../logic/form";
+import { options } from "../state/options";
+import type { Summary } from "../viewer/statistics";
+import { valueText } from "./SettingsCard";
+
+export function MetricsTable({ jobs, distances }: { jobs: readonly Job[]; distances: Record<string, Summary> }) {
+  const rows = metricsOf(jobs, distances);
+  return (
+    <section class="card panel">
+      <h2>Metrics</h2>
+      <Columns jobs={jobs}>
+        {rows.map((row) => (
+          <tr key={row.name}>
+            <th scope="row">
+              {row.name} <span class="muted small">{row.unit}</span>
+            </th>
+            {row.values.map((value, column) => (
+              <td key={jobs[column]!.id} class={column === row.best ? "best" : ""}>
+                {metricText(row, value)}
+                {column === row.best && <span class="unseen"> (best)</span>}
+              </td>
+            ))}
+          </tr>
+        ))}
+      </Columns>
+    </section>
+  );
+}
+
+function metricsOf(jobs: readonly Job[], distances: Record<string, Summary>): Metric[] {
+  const each = (read: (job: Job) => number | null | undefined) => jobs.map((job) => read(job) ?? null);
+  const distance = (name: keyof Summary) => each((job) => distances[job.id]?.[name]);
+  return [
+    metric("Mean distance to the scan", "scan units", distance("mean"), "low"),
+    metric("95 % are nearer than", "scan units", distance("p95"), "low"),
+    metric("Largest distance", "scan units", distance("max"), "low"),
+    metric("Resolution reached", "voxels", each((job) => job.result?.outcome.resolution), "none"),
+    metric("Triangles", "", each((job) => job.result?.faces), "none"),
+    metric("Time", "s", each((job) => job.timings.running_seconds), "low"),
+  ];
+}
+
+function metricText({ unit, name }: Metric, value: number | null): string {
+  if (value === null) return "–";
+  if (unit === "s") return duration(value);
+  return name.includes("istance") || name.includes("nearer") ? significant(value) : count(value);
+}
+
+export function SettingsTable({ jobs }: { jobs: readonly Job[] }) {
+  const all = useSignal(false);
+  const rows = settingsRows(options.value, jobs.map((job) => job.params));
+  const shown = all.value ? rows : rows.filter((row) => row.differs);
+  return (
+    <section class="card panel">
+      <div class="row">
+        <h2 class="grow">Settings</h2>
+        <label class="check small">
+          <input type="checkbox" checked={all.value} onChange={(event) => (all.value = event.currentTarget.checked)} />
+          Also those that are the same
+        </label>
+      </div>
+      {shown.length === 0 ? (
+        <p class="muted">All settings are the same.</p>
+      ) : (
+        <Columns jobs={jobs}>
+          {shown.map((row) => (
+            <tr key={row.name}>
+              <th scope="row">{fieldName(row.name)}</th>
+              {row.values.map((value, column) => (
+                <td key={jobs[column]!.id} class={row.differs ? "differs" : "muted"}>
+                  {valueText(value)}
+                </td>
+              ))}
+            </tr>
+          ))}
+        </Columns>
+      )}
+    </section>
+  );
+}
+
+function Columns({ jobs, children }: { jobs: readonly Job[]; children: ComponentChildren }) {
+  return (
+    <div class="table-scroll" tabIndex={0} role="group" aria-label="Table">
+      <table class="columns">
+        <thead>
+          <tr>
+            <td />
+            {jobs.map((job) => (
+              <th key={job.id} scope="col">
+                <a href={`/jobs/${job.id}`}>{jobName(job)}</a>
+              </th>
+            ))}
+          </tr>
+        </thead>
+        <tbody>{children}</tbody>
+      </table>
+    </div>
+  );
+}

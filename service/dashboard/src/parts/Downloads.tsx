@@ -1,0 +1,49 @@
+/** The files that a job has left. */
+import { call, sentence } from "../api/http";
+import type { Artifact, Job } from "../api/types";
+import { bytes } from "../logic/format";
+import { apiKey } from "../state/session";
+import { say } from "../state/toasts";
+import { Icon } from "./Icon";
+
+const ORDER = ["mesh.glb", "mesh.ply", "preview.png", "report.json", "log.txt"];
+
+export function Downloads({ job }: { job: Job }) {
+  const files = [...job.artifacts].sort((a, b) => rank(a) - rank(b));
+  if (files.length === 0) return null;
+  return (
+    <section class="card panel">
+      <h2>Files</h2>
+      <ul class="downloads">
+        {files.map((file) => (
+          <li key={file.name}>
+            <a href={file.url} download={file.name} onClick={(event) => void withKey(event, file)}>
+              <Icon name="down" /> {file.name}
+            </a>
+            <span class="muted small">{bytes(file.size)}</span>
+          </li>
+        ))}
+      </ul>
+    </section>
+  );
+}
+
+function rank({ name }: Artifact): number {
+  const place = ORDER.indexOf(name);
+  return place < 0 ? ORDER.length : place;
+}
+
+/** A link cannot carry the key, and an address must not; so with a key the file is fetched. */
+async function withKey(event: Event, file: Artifact): Promise<void> {
+  if (!apiKey.peek()) return;
+  event.preventDefault();
+  try {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(await (await call(file.url)).blob());
+    link.download = file.name;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+  } catch (error) {
+    say(sentence(error), "bad");
+  }
+}

@@ -1,0 +1,106 @@
+/** Scans on their way in: each file is uploaded and then submitted with its settings. */
+import { computed, signal } from "@preact/signals";
+import { submitJob } from "../api/calls";
+import { sentence, Unreachable } from "../api/http";
+import type { Params } from "../api/types";
+import { uploadFile } from "../api/upload";
+import { whenOnline } from "./connection";
+import { remember } from "./jobs";
+
+export interface Item {
+  key: string;
+  file: File;
+  params: Params;
+  state: "waiting" | "uploading" | "submitting" | "done" | "failed";
+  sent: number;
+  error: string;
+  jobId: string;
+}
+
+const AT_ONCE = 2;
+export const items = signal<readonly Item[]>([]);
+/** Files that were chosen but not yet submitted. */
+export const chosen = signal<readonly File[]>([]);
+export const underway = computed(() => items.value.some((item) => !isSettled(item)));
+const stoppers = new Map<string, AbortController>();
+
+export function isSettled(item: Item): boolean {
+  return item.state === "done" || item.state === "failed";
+}
+
+export function choose(files: readonly File[]): void {
+  const same = (a: File, b: File) => a.name === b.name && a.size === b.size && a.lastModified === b.lastModified;
+  const fresh = files.filter((file) => !chosen.peek().some((one) => same(one, file)));
+  chosen.value = [...chosen.peek(), ...fresh];
+}
+
+export function send(files: readonly File[], params: Params): void {
+  const fresh = files.map((file) => ({
+    key: newKey(),
+    file,
+    params,
+    state: "waiting" as const,
+    sent: 0,
+    error: "",
+    jobId: "",
+  }));
+  items.value = [...fresh, ...items.peek()];
+  next();
+}
+
+export function giveUp(key: string): void {
+  stoppers.get(key)?.abort();
+  items.value = items.peek().filter((item) => item.key !== key);
+  next();
+}
+
+export function again(key: string): void {
+  change(key, { state: "waiting", error: "" });
+  next();
+}
+
+function next(): void {
+  const busy = items.peek().filter((item) => stoppers.has(item.key)).length;
+  const waiting = items.peek().filter((item) => item.state === "waiting" && !stoppers.has(item.key));
+  for (const item of waiting.toReversed().slice(0, AT_ONCE - busy)) void work(item);
+}
+
+async function work(item: Item): Promise<void> {
+  const stopper = new AbortController();
+  stoppers.set(item.key, stopper);
+  try {
+    change(item.key, { state: "uploading" });
+    const onProgress = (sent: number) => change(item.key, { sent });
+    const upload = await uploadFile(item.file, { onProgress, signal: stopper.signal });
+    change(item.key, { state: "submitting", sent: item.file.size });
+    const jobId = await submit(upload.id, item, stopper.signal);
+    change(item.key, { state: "done", jobId });
+  } catch (error) {
+    change(item.key, { state: "failed", error: sentence(error) });
+  }
+  stoppers.delete(item.key);
+  next();
+}
+
+async function submit(uploadId: string, item: Item, signal: AbortSignal): Promise<string> {
+  for (;;) {
+    try {
+      const job = await submitJob(uploadId, item.params, item.key);
+      remember(job);
+      return job.id;
+    } catch (error) {
+      if (!(error instanceof Unreachable)) throw error;
+      await whenOnline(500, signal);
+    }
+  }
+}
+
+function change(key: string, fields: Partial<Item>): void {
+  items.value = items.peek().map((item) => (item.key === key ? { ...item, ...fields } : item));
+}
+
+/** Unguessable, and also where the page is not a secure context. */
+export function newKey(): string {
+  const words = crypto.getRandomValues(new Uint32Array(4));
+  return [...words].map((word) => word.toString(16).padStart(8, "0")).join("");
+}

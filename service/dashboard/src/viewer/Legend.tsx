@@ -1,0 +1,75 @@
+/** The scale of the colors, with how many vertices have each. */
+import { percent, significant } from "../logic/format";
+import { cssColorAt } from "./colormap";
+import type { Summary } from "./statistics";
+import { histogram } from "./statistics";
+
+const BINS = 40;
+
+interface Props {
+  title: string;
+  unit: string;
+  values: Float32Array;
+  summary: Summary;
+  low: number;
+  high: number;
+  /** Sets the upper end; absent where the scale is fixed. */
+  onEnd?: (end: number | null) => void;
+}
+
+export function Legend({ title, unit, values, summary, low, high, onEnd }: Props) {
+  const counts = histogram(values, low, high, BINS);
+  const most = Math.max(...counts, 1);
+  const beyond = values.reduce((sum, value) => sum + (value > high ? 1 : 0), 0) / (values.length || 1);
+  return (
+    <figure class="viewer-panel legend">
+      <figcaption>{title}</figcaption>
+      {unit && <p class="muted">{unit}</p>}
+      <svg viewBox={`0 0 ${BINS * 6} 48`} role="img" aria-label={`Histogram: mean ${significant(summary.mean)}`}>
+        {counts.map((count, bin) => (
+          <rect
+            key={bin}
+            x={bin * 6}
+            width={5.4}
+            y={48 - (47 * count) / most}
+            height={(47 * count) / most}
+            fill={cssColorAt((bin + 0.5) / BINS)}
+          />
+        ))}
+      </svg>
+      <div class="scale" aria-hidden="true">
+        {Array.from({ length: 24 }, (_, step) => (
+          <span key={step} style={{ background: cssColorAt(step / 23) }} />
+        ))}
+      </div>
+      <div class="row ends">
+        <span>{significant(low)}</span>
+        <span class="grow" />
+        <span>{significant(high)}</span>
+      </div>
+      {onEnd && (
+        <input
+          type="range"
+          aria-label="Upper end of the colors"
+          min={0.02}
+          max={1}
+          step={0.01}
+          value={Math.sqrt(high / (summary.max || 1))}
+          onInput={(event) => onEnd(Number(event.currentTarget.value) ** 2 * summary.max)}
+          onDblClick={() => onEnd(null)}
+        />
+      )}
+      <dl>
+        <dt>Mean</dt>
+        <dd>{significant(summary.mean)}</dd>
+        <dt>RMS</dt>
+        <dd>{significant(summary.rms)}</dd>
+        <dt>95 %</dt>
+        <dd>{significant(summary.p95)}</dd>
+        <dt>Max</dt>
+        <dd>{significant(summary.max)}</dd>
+      </dl>
+      {beyond > 0 && <p class="muted">{beyond < 0.01 ? "Under 1 %" : percent(beyond)} above the scale</p>}
+    </figure>
+  );
+}

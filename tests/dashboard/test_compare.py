@@ -1,0 +1,68 @@
+"""Two jobs of one scan beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from browserkit import finish, overlap, pixels, settle, silhouette
+from playwright.sync_api import Locator, Page, expect
+from workerkit import Service
+
+OpenPage = Callable[[str], Page]
+
+
+@pytest.fixture(scope="module")
+def coarse(service: Service, worker: None) -> str:
+    return finish(service, label="coarse", resolution=64)
+
+
+def outline(canvas: Locator) -> np.ndarray:
+    """The silhouette between the name at the head and the caption at the foot."""
+    return silhouette(pixels(canvas))[50:-50]
+
+
+def test_cameras_are_linked_and_differences_listed(
+    open_page: OpenPage, finished: str, coarse: str
+) -> None:
+    page = open_page(f"/compare?jobs={finished},{coarse}")
+    canvases = page.locator('canvas[data-mesh="mesh.glb"]')
+    expect(canvases).to_have_count(2)
+    settle(page)
+    before = [outline(canvases.nth(index)) for index in range(2)]
+    assert overlap(*before) > 0.9
+    canvases.first.focus()
+    for _ in range(6):
+        page.keyboard.press("ArrowRight")
+    settle(page)
+    after = [outline(canvases.nth(index)) for index in range(2)]
+    assert overlap(before[1], after[1]) < 0.85
+    assert overlap(*after) > 0.9
+
+    row = page.get_by_role("row", name="Resolution 128 64", exact=True)
+    expect(row).to_be_visible()
+    expect(page.get_by_role("row", name="Profile")).to_have_count(0)
+    page.get_by_label("Also those that are the same").check()
+    expect(page.get_by_role("row", name="Profile fast fast")).to_be_visible()
+
+
+def test_the_slider_lays_one_over_the_other(
+    open_page: OpenPage, finished: str, coarse: str
+) -> None:
+    page = open_page(f"/compare?jobs={finished},{coarse}")
+    expect(page.locator('canvas[data-mesh="mesh.glb"]')).to_have_count(2)
+    page.get_by_role("button", name="Slider").click()
+    first, second = (page.locator(".stage-cell").nth(index).bounding_box() for index in range(2))
+    assert first == second
+    page.get_by_label("Where reference ends").fill("0.25")
+    expect(page.locator(".stage-cell").nth(1)).to_have_css("clip-path", "inset(0px 0px 0px 25%)")
+
+
+def test_one_job_alone_asks_for_another_of_its_scan(
+    open_page: OpenPage, finished: str, coarse: str
+) -> None:
+    page = open_page(f"/compare?jobs={finished}")
+    expect(page.get_by_role("heading", name="Choose a second job")).to_be_visible()
+    page.get_by_label("Add a job of this scan").select_option(coarse)
+    expect(page.get_by_role("heading", name="Metrics")).to_be_visible()

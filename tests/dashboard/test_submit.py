@@ -1,0 +1,130 @@
+"""From a file in the hand to a job that runs."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+from browserkit import canvas_with, pixels, silhouette
+from playwright.sync_api import BrowserContext, Page, Route, expect
+from servicekit import sphere_scan, until
+from workerkit import Service
+
+OpenPage = Callable[[str], Page]
+# Every mesh that the viewer showed, in order.
+_RECORD_MESHES = """
+  window.meshes = [];
+  new MutationObserver(() => {
+    const shown = document.querySelector("canvas[data-mesh]")?.dataset.mesh;
+    if (shown && window.meshes.at(-1) !== shown) window.meshes.push(shown);
+  }).observe(document, { subtree: true, childList: true, attributes: true });
+"""
+
+
+def test_a_visitor_sees_the_samples_surface_form_after_three_clicks(
+    context: BrowserContext, open_page: OpenPage, worker: None
+) -> None:
+    context.add_init_script(_RECORD_MESHES)
+    page = open_page("/new")
+    page.get_by_role("button", name="Take the sample").click()
+    page.get_by_role("button", name="128").click()
+    page.get_by_role("button", name="Reconstruct").click()
+    page.wait_for_url("**/jobs/*")
+    canvas = canvas_with(page, "mesh.glb")
+    expect(page.get_by_text("Done", exact=True)).to_be_visible()
+    assert page.evaluate("window.meshes")[-2:] == ["level-64.glb", "mesh.glb"]
+
+    picture = pixels(canvas)
+    seen = silhouette(picture)
+    assert 0.08 < seen.mean() < 0.6
+    # A lit surface has many tones; a black or flat one has few.
+    assert picture[seen].mean() > 60
+    assert picture[seen].astype(int).sum(axis=1).std() > 60
+
+
+def test_settings_are_checked_as_they_are_typed(open_page: OpenPage) -> None:
+    page = open_page("/new")
+    page.get_by_role("button", name="Take the sample").click()
+    field = page.get_by_label("Resolution", exact=False).first
+    field.fill("63")
+    expect(page.get_by_text("Between 64 and 1024.", exact=True)).to_be_visible()
+    expect(page.get_by_role("button", name="Reconstruct")).to_be_disabled()
+    field.fill("64")
+    expect(page.get_by_role("button", name="Reconstruct")).to_be_enabled()
+
+
+def test_a_new_job_takes_the_settings_of_an_earlier_one(open_page: OpenPage, finished: str) -> None:
+    page = open_page(f"/new?like={finished}")
+    expect(page.get_by_label("Resolution", exact=False).first).to_have_value("128")
+    expect(page.get_by_label("Label")).to_have_value("")
+
+
+def test_a_refused_file_says_why_and_the_others_go_on(
+    open_page: OpenPage, service: Service, tmp_path: Path
+) -> None:
+    (tmp_path / "good.ply").write_bytes(sphere_scan())
+    (tmp_path / "bad.ply").write_bytes(b"ply\nformat ascii 1.0\nthis is not one\n")
+    page = open_page("/new")
+    page.locator("input[type=file][multiple]").set_input_files(
+        [tmp_path / "good.ply", tmp_path / "bad.ply"]
+    )
+    page.get_by_role("button", name="Reconstruct 2 scans").click()
+    uploads = page.get_by_role("heading", name="Uploads").locator("..")
+    expect(uploads.get_by_role("link", name="Open")).to_have_count(1)
+    expect(uploads.get_by_role("button", name="Try again")).to_have_count(1)
+    assert uploads.locator(".error").inner_text() != ""
+
+
+def test_an_upload_goes_on_where_the_connection_was_lost(
+    context: BrowserContext, open_page: OpenPage, service: Service, tmp_path: Path
+) -> None:
+    scan = sphere_scan(20_000)
+    (tmp_path / "cut.ply").write_bytes(scan)
+    offsets = _cut_pieces(context, pieces={2, 3})
+    page = open_page("/new")
+    page.locator("input[type=file][multiple]").set_input_files(tmp_path / "cut.ply")
+    page.get_by_role("button", name="Reconstruct").click()
+    page.wait_for_url("**/jobs/*")
+    job = service.job(page.url.rsplit("/", 1)[1])
+    assert job["scan"]["sha256"] == hashlib.sha256(scan).hexdigest()
+    assert offsets[1] == offsets[2] > 0
+
+
+def test_an_upload_goes_on_after_the_page_was_closed(
+    context: BrowserContext, open_page: OpenPage, service: Service, tmp_path: Path
+) -> None:
+    scan = sphere_scan(20_000)
+    (tmp_path / "closed.ply").write_bytes(scan)
+    offsets = _cut_pieces(context, pieces=set(range(2, 1000)))
+    page = open_page("/new")
+    page.locator("input[type=file][multiple]").set_input_files(tmp_path / "closed.ply")
+    page.get_by_role("button", name="Reconstruct").click()
+    until(lambda: page.evaluate("1") and len(offsets) >= 2)
+    page.close()
+
+    context.unroute_all()
+    offsets = _cut_pieces(context, pieces=set())
+    page = open_page("/new")
+    page.locator("input[type=file][multiple]").set_input_files(tmp_path / "closed.ply")
+    page.get_by_role("button", name="Reconstruct").click()
+    page.wait_for_url("**/jobs/*")
+    assert offsets[0] > 0
+
+
+def _cut_pieces(context: BrowserContext, pieces: set[int]) -> list[int]:
+    """Abort these PATCH calls, counted from 1; gives the offsets that were tried."""
+    offsets: list[int] = []
+
+    def handle(route: Route) -> None:
+        if route.request.method != "PATCH":
+            route.continue_()
+            return
+        offsets.append(int(route.request.headers["upload-offset"]))
+        if len(offsets) in pieces:
+            route.abort("connectionreset")
+        else:
+            route.continue_()
+
+    context.route("**/v1/uploads/*", handle)
+    return offsets
