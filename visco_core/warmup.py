@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from visco_core.kernels import Backend
+from visco_core.kernels.cache import all_compiled
 
 
 def is_warm(backend: Backend) -> bool:
-    """Whether every kernel has been compiled since its source last changed; True off numba."""
-    if backend.name != "numba":
-        return True
-    from numba.core.dispatcher import Dispatcher
-
-    source = Path(str(backend.kernels.__file__))
-    kernels = [found for found in vars(backend.kernels).values() if isinstance(found, Dispatcher)]
-    cached = [kernel for kernel in kernels if not kernel.targetoptions.get("inline")]
-    return all(_compiled_since(kernel, source) for kernel in cached)
-
-
-def _compiled_since(kernel, source: Path) -> bool:
-    folder = Path(kernel.stats.cache_path)
-    indices = folder.glob(f"{source.stem}.{kernel.py_func.__qualname__}-*.nbi")
-    return any(index.stat().st_mtime >= source.stat().st_mtime for index in indices)
+    """Whether every kernel has been compiled since their sources last changed; True off numba."""
+    return backend.name != "numba" or all_compiled(backend.kernels)
 
 
 def warm_up(backend: Backend) -> None:

@@ -1,7 +1,8 @@
 """Which compiled or plain kernels a run uses, and where its arrays live.
 
-``reference`` and ``numba_cpu`` have the same functions with the same signatures; the first is the
-specification of the second. Nothing is imported or compiled before ``choose_backend`` is called.
+``reference`` and ``numba_cpu`` have the same functions with the same signatures, in files of the
+same names; the first is the specification of the second. Nothing is imported or compiled before
+``choose_backend`` is called.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from visco_core.errors import InputError
+from visco_core.kernels.cache import discard_stale
 
 Array = Any
 """A numpy array under ``numba``, a torch tensor under ``reference``."""
@@ -25,7 +27,7 @@ ROW, FREE = 1, 2
 
 @dataclass(frozen=True)
 class Backend:
-    """A kernel module and the device that its arrays live on."""
+    """A package of kernels and the device that its arrays live on."""
 
     name: Literal["numba", "reference"]
     device: str
@@ -84,7 +86,9 @@ def choose_backend(name: str = "auto", device: str = "auto", threads: int | None
     config = vars(importlib.import_module("numba.core.config"))
     available = config["NUMBA_NUM_THREADS"]
     numba.set_num_threads(min(threads or available, available))
-    return Backend("numba", "cpu", importlib.import_module("visco_core.kernels.numba_cpu"))
+    kernels = importlib.import_module("visco_core.kernels.numba_cpu")
+    discard_stale(kernels)
+    return Backend("numba", "cpu", kernels)
 
 
 def _has_cuda(required: bool) -> bool:

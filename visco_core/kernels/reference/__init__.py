@@ -1,0 +1,89 @@
+"""The kernels in plain torch, on CPU and CUDA: what each one computes, said as plainly as possible.
+
+Shapes, shared by every backend: N nodes, M voxels that hold points, P points. A vector over nodes
+has N + 1 entries; the last is always zero, and a missing neighbour points to it. A voxel's eight
+corners are ordered 4·x + 2·y + z. ``flags`` is ROW where the viscosity loss has a row, FREE where
+the value is unknown.
+
+    ijk (N, 3) int16, sorted        grid coordinates of the nodes
+    columns (side² + 1,) int64      where each (i, j) column of nodes starts
+    neighbours (N, 6) int32         −x, +x, −y, +y, −z, +z; N where there is none
+    flags (N + 1,) uint8            bits ROW and FREE
+    slopes (N + 1, 3) float32       s·n̂ / 2h of the linearised viscosity row
+    flux (N + 1, 4) float32         slopes times the row's value, and the row's value
+    corners (M, 8) int32            nodes of the voxels that hold points
+    matrices (M, 8, 8) float32      normal matrix of a voxel's points
+    slabs (side + 1,) int64         where each i-slab of voxels starts in ``corners``
+"""
+
+from __future__ import annotations
+
+from visco_core.kernels.reference.coarea_loss import coarea
+from visco_core.kernels.reference.points import (
+    point_matvec,
+    point_sums,
+    point_system,
+    scatter,
+)
+from visco_core.kernels.reference.splines import (
+    spline_energies,
+    spline_prolong,
+    spline_restrict,
+)
+from visco_core.kernels.reference.start import (
+    splat,
+    squared_distance,
+)
+from visco_core.kernels.reference.surface import (
+    surface_counts,
+    surface_faces,
+    surface_vertices,
+)
+from visco_core.kernels.reference.topology import (
+    find_nodes,
+    neighbour_table,
+    refine,
+    voxel_corners,
+)
+from visco_core.kernels.reference.vectors import (
+    adam_advance,
+    cg_advance,
+    cg_direction,
+    dot,
+    sample,
+)
+from visco_core.kernels.reference.viscosity import (
+    linearise,
+    viscosity_columns,
+    viscosity_diagonal,
+    viscosity_rows,
+)
+
+__all__ = [
+    "adam_advance",
+    "cg_advance",
+    "cg_direction",
+    "coarea",
+    "dot",
+    "find_nodes",
+    "linearise",
+    "neighbour_table",
+    "point_matvec",
+    "point_sums",
+    "point_system",
+    "refine",
+    "sample",
+    "scatter",
+    "splat",
+    "spline_energies",
+    "spline_prolong",
+    "spline_restrict",
+    "squared_distance",
+    "surface_counts",
+    "surface_faces",
+    "surface_vertices",
+    "viscosity_columns",
+    "viscosity_diagonal",
+    "viscosity_rows",
+    "voxel_corners",
+]

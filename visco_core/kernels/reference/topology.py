@@ -1,0 +1,90 @@
+"""Plain kernels of which nodes exist and who is beside whom."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from visco_core.kernels.reference.common import FREE, ROW
+
+
+def _keys(ijk: Tensor, side: int) -> Tensor:
+    i, j, k = ijk.long().unbind(1)
+    return (i * side + j) * side + k
+
+
+def find_nodes(query: Tensor, ijk: Tensor, columns: Tensor, side: int) -> Tensor:
+    """Index (Q,) int32 of each queried (i, j, k), N where there is no such node."""
+    keys = _keys(ijk, side)
+    wanted = _keys(query, side)
+    found = torch.searchsorted(keys, wanted).clamp_max(len(keys) - 1)
+    return torch.where(keys[found] == wanted, found, len(keys)).int()
+
+
+def neighbour_table(ijk: Tensor, columns: Tensor, side: int) -> tuple[Tensor, Tensor]:
+    """The six neighbours (N, 6) int32 of every node, and its flags: ROW and FREE if it has all."""
+    table = []
+    for axis in range(3):
+        for step in (-1, 1):
+            query = ijk.clone()
+            query[:, axis] += step
+            outside = (query[:, axis] < 0) | (query[:, axis] >= side)
+            found = find_nodes(query.clamp(0, side - 1), ijk, columns, side)
+            table.append(torch.where(outside, len(ijk), found))
+    neighbours = torch.stack(table, 1).int()
+    flags = neighbours.new_zeros(len(ijk) + 1, dtype=torch.uint8)
+    flags[:-1] = (neighbours < len(ijk)).all(1) * (ROW | FREE)
+    return neighbours, flags
+
+
+def refine(
+    ijk: Tensor, columns: Tensor, values: Tensor, side: int, limit: float
+) -> tuple[Tensor, Tensor, Tensor]:
+    """The nodes of the next level, 2·side − 1 an axis: their ijk, columns and values (N' + 1,).
+
+    A node is kept when all its parents exist (1, 2, 4 or 8, whose mean is its value) and either
+    |value| < limit or the parents differ in sign.
+    """
+    fine_side = 2 * side - 1
+    children = torch.cartesian_prod(*[torch.arange(2, device=ijk.device)] * 3)
+    fine = (2 * ijk.long()[:, None] + children).reshape(-1, 3)
+    fine = fine[(fine < fine_side).all(1)]
+    fine = fine[torch.argsort(_keys(fine, fine_side))]
+    parents = []
+    for corner in children:
+        parent = torch.where(corner.bool(), (fine + 1) // 2, fine // 2)
+        parents.append(find_nodes(parent, ijk, columns, side))
+    index = torch.stack(parents, 1).long()
+    at_parents = values[index]
+    mean = at_parents.mean(1)
+    signs = (at_parents < 0).sum(1)
+    keep = (index < len(ijk)).all(1)
+    keep &= (mean.abs() < limit) | ((signs > 0) & (signs < 8))
+    fine, mean = fine[keep], mean[keep]
+    column = fine[:, 0] * fine_side + fine[:, 1]
+    count = torch.bincount(column, minlength=fine_side**2)
+    starts = torch.cat([count.new_zeros(1), count.cumsum(0)])
+    return fine.to(torch.int16), starts, torch.cat([mean, mean.new_zeros(1)])
+
+
+def voxel_corners(neighbours: Tensor, base: Tensor) -> Tensor:
+    """The eight nodes (M, 8) int32 of the voxels above nodes ``base`` (M,).
+
+    All eight are N where one is missing.
+    """
+    table = torch.cat([neighbours, neighbours.new_full((1, 6), len(neighbours))])
+    corners = [base.int()]
+    for corner in range(1, 8):
+        if corner & 1:
+            corners.append(table[corners[corner - 1], 5])
+        elif corner & 2:
+            corners.append(table[corners[corner - 2], 3])
+        else:
+            corners.append(table[corners[corner - 4], 1])
+    stacked = torch.stack(corners, 1)
+    whole = (stacked < len(neighbours)).all(1)
+    return torch.where(whole[:, None], stacked, len(neighbours))
+
+
+def all_voxels(neighbours: Tensor) -> Tensor:
+    return voxel_corners(neighbours, torch.arange(len(neighbours), device=neighbours.device)).long()
