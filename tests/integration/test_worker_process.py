@@ -108,18 +108,25 @@ def test_an_urgent_job_overtakes_those_that_wait(service: Service, worker: Worke
     assert [started[moment] for moment in sorted(started)] == ["high", "normal", "low"]
 
 
-def test_a_killed_solve_runs_again_at_once_and_finally_fails(
-    service: Service, worker: Worker
-) -> None:
-    job_id = service.start_endless()
-    for attempt in (1, 2, 3):
-        service.wait_for_solving(job_id, attempt)
-        os.kill(worker.child(), signal.SIGKILL)
-    types = [event["event"] for event in read_events(service.api, job_id)]
+@pytest.fixture
+def patient(tmp_path: Path) -> Settings:
+    """Leases that outlive the test: whoever waits for one to run out waits in vain."""
+    return make_settings(tmp_path, lease_seconds=3600.0)
+
+
+def test_a_killed_solve_runs_again_at_once_and_finally_fails(patient: Settings) -> None:
+    with running_broker(patient), running_api(patient) as client:
+        service = Service(patient, client)
+        with service.worker() as worker:
+            job_id = service.start_endless()
+            for attempt in (1, 2, 3):
+                service.wait_for_solving(job_id, attempt)
+                os.kill(worker.child(), signal.SIGKILL)
+            types = [event["event"] for event in read_events(client, job_id)]
+            assert service.job(job_id)["error"]["code"] == "worker_lost"
     assert [t for t in types if t not in ("progress", "level", "scan")] == [
         "queued", "started", "requeued", "started", "requeued", "started", "failed",
     ]  # fmt: skip
-    assert service.job(job_id)["error"]["code"] == "worker_lost"
 
 
 def test_the_job_of_a_lost_machine_is_finished_by_another_worker_once(
