@@ -84,9 +84,14 @@ class Journal:
             content_type=_content_type(name),
         )
         self.storage.put(key, path)
-        with self.database.transaction() as unit:
-            repository = JobRepository(unit.session)
-            replaced = repository.store_artifact(self.job_id, self.attempt, artifact)
+        try:
+            with self.database.transaction() as unit:
+                repository = JobRepository(unit.session)
+                replaced = repository.store_artifact(self.job_id, self.attempt, artifact)
+        except Exception:
+            # Bytes that no row names would be found by nobody.
+            self.storage.delete(key)
+            raise
         if replaced is not None:
             self.storage.delete(replaced)
         return artifact

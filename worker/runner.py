@@ -71,7 +71,8 @@ class Runner:
             job.id,
             job.attempt,
             limit,
-            lambda: journal.fail(*hard_limit_failure(limit)),
+            on_overdue=journal.stop,
+            on_hung=lambda: journal.fail(*hard_limit_failure(limit)),
         )
         folder = self.settings.data_dir / "tmp"
         folder.mkdir(parents=True, exist_ok=True)
@@ -80,8 +81,7 @@ class Runner:
             try:
                 attempt.execute()
             except LeaseLost:
-                log.warning("Attempt %s of job %s lost its lease", job.attempt, job.id)
-                self.storage.delete_all(f"artifacts/{job.id}/{job.attempt}/")
+                log.warning("Attempt %s of job %s is no longer its job's", job.attempt, job.id)
 
     def _claim(self, job_id: str) -> Job | None:
         with self.database.transaction() as unit:

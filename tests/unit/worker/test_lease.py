@@ -18,7 +18,8 @@ from service.settings import load_settings
 from worker.lease import Lease
 settings = load_settings()
 database = Database(settings.sqlalchemy_url)
-with Lease(database, settings, "none", 1, 0.2, lambda: print("hung", flush=True)):
+hung = lambda: print("hung", flush=True)
+with Lease(database, settings, "none", 1, 0.2, on_overdue=lambda: None, on_hung=hung):
     threading.Event().wait()
 """
 

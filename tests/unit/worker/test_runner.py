@@ -9,12 +9,17 @@ import time
 from typing import TYPE_CHECKING
 
 import numpy as np
+from servicekit import until
 
+from service.auth.principal import LOCAL_USER
 from service.db import utc_now
 from service.jobs.model import Attempt
 from service.jobs.reaper import Reaper
+from service.jobs.service import JobService
+from service.jobs.submission import JobIntake
 from visco_core.errors import InputError, Stopped
 from visco_core.pointcloud import PointCloud
+from worker.lease import OBEY_SECONDS, POLL_SECONDS
 from worker.solver import Hooks
 
 if TYPE_CHECKING:
@@ -29,6 +34,13 @@ def obey(hooks: Hooks) -> None:
         assert time.monotonic() < deadline
         pause.wait(0.01)
     raise Stopped
+
+
+def stored_files(bench: Bench) -> set[str]:
+    """The keys below artifacts/ that have bytes."""
+    storage = bench.settings.data_dir / "storage"
+    files = (path for path in (storage / "artifacts").rglob("*") if path.is_file())
+    return {str(path.relative_to(storage)) for path in files}
 
 
 def test_a_finished_attempt_leaves_the_mesh_and_the_story(
@@ -92,9 +104,7 @@ def test_a_job_that_another_worker_has_is_left_alone(bench: Bench, solver: Stand
     assert len(solver.configs) == 1
 
 
-def test_cancel_reaches_a_running_solve_within_a_second(
-    bench: Bench, solver: StandInSolver
-) -> None:
+def test_cancel_reaches_a_running_solve(bench: Bench, solver: StandInSolver) -> None:
     job = bench.submit()
 
     def cancelled(hooks: Hooks) -> None:
@@ -102,11 +112,30 @@ def test_cancel_reaches_a_running_solve_within_a_second(
         obey(hooks)
 
     solver.during = cancelled
-    begun = time.monotonic()
     bench.runner(solver).run(job.id)
-    assert time.monotonic() - begun < 5
     assert bench.load(job).status == "cancelled"
     assert bench.events(job)[-1].type == "cancelled"
+
+
+def test_a_solver_that_is_deep_in_a_long_step_does_not_delay_a_cancel(
+    bench: Bench, solver: StandInSolver
+) -> None:
+    job = bench.submit()
+
+    def deaf(hooks: Hooks) -> None:
+        bench.change(lambda jobs: jobs.cancel(jobs.held(job.id, 1)))
+        until(lambda: bench.load(job).status == "cancelled")
+        obey(hooks)
+
+    solver.during = deaf
+    bench.runner(solver).run(job.id)
+    assert [event.type for event in bench.events(job)].count("cancelled") == 1
+    for artifact in bench.artifacts(job).values():
+        assert len(bench.content(artifact)) == artifact.size
+
+
+def test_looking_and_obeying_fit_into_the_promised_second() -> None:
+    assert POLL_SECONDS + OBEY_SECONDS <= 0.8
 
 
 def test_a_worker_that_ends_gives_its_job_back(bench: Bench, solver: StandInSolver) -> None:
@@ -151,7 +180,9 @@ def test_an_attempt_that_was_given_up_for_lost_stores_nothing(
     bench.runner(solver).run(job.id)
     lost = bench.load(job)
     assert (lost.status, lost.lost_attempts) == ("queued", 1)
-    assert not (bench.settings.data_dir / "storage/artifacts" / job.id / "1").exists()
+    kept = bench.artifacts(job)
+    assert stored_files(bench) == {artifact.key for artifact in kept.values()}
+    assert "level-64.glb" not in kept
     bench.runner(solver.__class__()).run(job.id)
     again = bench.load(job)
     assert (again.status, again.attempt) == ("succeeded", 2)
@@ -161,15 +192,17 @@ def test_an_attempt_that_was_given_up_for_lost_stores_nothing(
 def test_a_job_deleted_in_mid_solve_leaves_no_bytes(bench: Bench, solver: StandInSolver) -> None:
     job = bench.submit()
 
+    intake = JobIntake(bench.database, bench.bell, bench.settings)
+    jobs = JobService(bench.database, bench.storage, bench.bell, intake)
+
     def deleted(hooks: Hooks) -> None:
-        with bench.database.transaction() as unit:
-            unit.session.delete(unit.session.get_one(type(job), job.id))
+        until(lambda: "scan.glb" in bench.artifacts(job))
+        jobs.delete(LOCAL_USER, job.id)
         obey(hooks)
 
     solver.during = deleted
     bench.runner(solver).run(job.id)
-    artifacts = bench.settings.data_dir / "storage/artifacts"
-    assert not [path for path in artifacts.rglob("*") if path.is_file()]
+    assert stored_files(bench) == set()
 
 
 def test_a_refusal_of_the_core_becomes_the_jobs_error(bench: Bench, solver: StandInSolver) -> None:
