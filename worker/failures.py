@@ -15,7 +15,8 @@ def is_out_of_memory(error: BaseException) -> bool:
         return True
     if isinstance(error, VisCoError):
         return error.code == OUT_OF_MEMORY
-    return isinstance(error, RuntimeError) and "can't allocate memory" in str(error)
+    words = ("can't allocate memory", "out of memory")
+    return isinstance(error, RuntimeError) and any(word in str(error) for word in words)
 
 
 def describe_failure(error: Exception) -> tuple[str, str]:

@@ -121,18 +121,9 @@ class _Attempt:
     def _work(self) -> dict[str, Any]:
         scan = self._fetch()
         config = self._config()
-        notes: list[str] = []
         with ThreadPoolExecutor(1, "levels") as background:
             levels = _LevelWriter(self, background, config.up_axis)
-            try:
-                done = self._solve(scan, config, levels)
-            except Exception as error:
-                smaller = self._smaller(config, error)
-                if smaller is None:
-                    raise
-                notes.append(smaller.note)
-                self.journal.note("degraded", {"detail": smaller.note})
-                done = self._solve(scan, smaller.config, levels)
+            done, notes = self._solve_within_memory(scan, config, levels)
             levels.finish()
         self.journal.enter("write")
         self._store_outputs(done, config.up_axis, notes)
@@ -158,9 +149,27 @@ class _Attempt:
             device=self.runner.identity.device_class,
             threads=settings.worker_threads or None,
         )
-        most = solve_memory_bytes(settings.worker_memory_bytes, config.budget.memory_bytes)
+        most = solve_memory_bytes(
+            self.runner.identity.device_class,
+            settings.worker_memory_bytes,
+            config.budget.memory_bytes,
+        )
         budget = dataclasses.replace(config.budget, memory_bytes=most)
         return dataclasses.replace(config, budget=budget)
+
+    def _solve_within_memory(
+        self, scan: Path, config: ReconstructionConfig, levels: _LevelWriter
+    ) -> tuple[Reconstruction, list[str]]:
+        """The result, and what the owner should know of how it came about."""
+        try:
+            return self._solve(scan, config, levels), []
+        except Exception as error:
+            smaller = self._smaller(config, error)
+            if smaller is None:
+                raise
+        # Not before the clause has ended: the error holds the first try's frames and their memory.
+        self.journal.note("degraded", {"detail": smaller.note})
+        return self._solve(scan, smaller.config, levels), [smaller.note]
 
     def _solve(
         self, scan: Path, config: ReconstructionConfig, levels: _LevelWriter
