@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy import Connection, Engine, create_engine, event, func, select
 from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session
 
@@ -29,6 +30,17 @@ class Transaction:
     def _committed(self) -> None:
         for callback in self._callbacks:
             callback()
+
+
+def hold(session: Session, name: str) -> None:
+    """Let transactions that name the same thing pass one after the other.
+
+    PostgreSQL counts what other transactions are about to add as not there. SQLite lets writers
+    pass one at a time in any case.
+    """
+    if session.get_bind().dialect.name == "postgresql":
+        number = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], signed=True)
+        session.execute(select(func.pg_advisory_xact_lock(number)))
 
 
 class Database:

@@ -9,7 +9,7 @@ from datetime import datetime
 from sqlalchemy import Select, func, select
 from sqlalchemy.orm import Session, selectinload
 
-from service.jobs.model import Artifact, Event, Job, WorkerRecord
+from service.jobs.model import Event, Job, WorkerRecord
 from service.jobs.state import Status
 from service.uploads.model import Upload
 
@@ -99,12 +99,3 @@ def queue_depths(session: Session) -> dict[tuple[str, int], int]:
 def live_workers(session: Session, since: datetime) -> list[WorkerRecord]:
     statement = select(WorkerRecord).where(WorkerRecord.seen_at >= since)
     return list(session.scalars(statement.order_by(WorkerRecord.id)))
-
-
-def stored_bytes(session: Session, owner: str) -> int:
-    """Bytes of the owner's uploads and artifacts."""
-    uploads = select(func.coalesce(func.sum(Upload.size), 0)).where(Upload.owner == owner)
-    artifacts = (
-        select(func.coalesce(func.sum(Artifact.size), 0)).join(Job).where(Job.owner == owner)
-    )
-    return int(session.scalar(uploads) or 0) + int(session.scalar(artifacts) or 0)

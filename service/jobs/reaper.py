@@ -6,7 +6,8 @@ import logging
 from collections.abc import Sequence
 from datetime import timedelta
 
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, func, select, true
+from sqlalchemy.orm import aliased
 
 from service.db import Database, utc_now
 from service.jobs.model import Job
@@ -84,7 +85,7 @@ class Reaper:
     def _take(self, device_class: str, priority: int, every: bool) -> Sequence[Job]:
         """Jobs never enqueued since they were queued, or with ``every`` not for a while."""
         now = utc_now()
-        forgotten = Job.enqueued_at.is_(None)
+        forgotten = Job.enqueued_at.is_(None) & self._has_room()
         if every:
             forgotten = forgotten | (Job.enqueued_at < now - _PATIENCE)
         statement = (
@@ -106,3 +107,12 @@ class Reaper:
             for job in jobs:
                 job.enqueued_at = now
         return jobs
+
+    def _has_room(self) -> ColumnElement[bool]:
+        """Whether a job's owner may run one more; messages for others would be in vain."""
+        most = self.settings.quota_running
+        if not most:
+            return true()
+        running = aliased(Job)
+        owners = select(running.owner).where(running.status == "running").group_by(running.owner)
+        return Job.owner.not_in(owners.having(func.count() >= most))

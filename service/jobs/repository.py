@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import func, select, update
+from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from service.db import utc_now
 from service.jobs.model import Artifact, Attempt, Event, Job
 from service.jobs.state import AttemptOutcome, Status, check_transition
+from service.quotas import count_jobs, hold_owner
 from service.webhooks.model import Delivery
 
 
@@ -49,7 +50,9 @@ class JobRepository:
         job = self.lock(job_id)
         if job is None or job.status != "queued":
             return None
-        if quota_running and self.count(job.owner, "running") >= quota_running:
+        if quota_running and self._is_full(job.owner, quota_running):
+            # Its message is spent; the reaper sends another once there is room.
+            job.enqueued_at = None
             return None
         now = utc_now()
         self._move(job, "running")
@@ -163,9 +166,9 @@ class JobRepository:
         statement = select(Artifact).where(Artifact.job_id == job_id, Artifact.name == name)
         return self.session.scalars(statement).first()
 
-    def count(self, owner: str, status: Status) -> int:
-        statement = select(func.count()).where(Job.owner == owner, Job.status == status)
-        return self.session.scalar(statement) or 0
+    def _is_full(self, owner: str, quota_running: int) -> bool:
+        hold_owner(self.session, owner)
+        return count_jobs(self.session, owner, "running") >= quota_running
 
     def _move(self, job: Job, target: Status) -> None:
         check_transition(job.status, target)

@@ -20,6 +20,7 @@ from service.jobs.params import hard_limit_seconds
 from service.jobs.queries import live_workers, one_job
 from service.jobs.queues import Bell
 from service.jobs.repository import JobRepository
+from service.quotas import check_queued, check_stored, hold_owner
 from service.settings import Settings
 from service.uploads.model import Upload
 
@@ -68,19 +69,20 @@ class JobIntake:
     def check_quota(self, principal: Principal) -> None:
         """Raises ServiceError ``quota_queued``."""
         with self.database.read() as session:
-            self._check_quota(session, principal)
+            check_queued(session, principal.owner, self.settings.quota_queued)
 
     def accept(self, submission: Submission, upload: Upload) -> Accepted:
         """Make the job, and the upload where it is new; the workers hear of it after the commit.
 
-        Raises ServiceError (``idempotency_conflict``, ``quota_queued``).
+        Raises ServiceError (``idempotency_conflict``, ``quota_queued``, ``quota_storage``).
         """
         try:
             with self.database.transaction() as unit:
+                hold_owner(unit.session, submission.principal.owner)
                 earlier = self._replay(unit.session, submission)
                 if earlier is not None:
                     return earlier
-                self._check_quota(unit.session, submission.principal)
+                self._check_quotas(unit.session, submission.principal.owner, upload)
                 return Accepted(self._insert(unit, submission, upload).id)
         except IntegrityError:
             # Another call with the same key was first.
@@ -138,14 +140,10 @@ class JobIntake:
             return None
         return Accepted(record.job_id, replayed=True)
 
-    def _check_quota(self, session: Session, principal: Principal) -> None:
-        most = self.settings.quota_queued
-        if most and JobRepository(session).count(principal.owner, "queued") >= most:
-            raise ServiceError(
-                "quota_queued",
-                f"Wait until some of your {most} queued jobs have started.",
-                headers={"Retry-After": "30"},
-            )
+    def _check_quotas(self, session: Session, owner: str, upload: Upload) -> None:
+        check_queued(session, owner, self.settings.quota_queued)
+        if session.get(Upload, upload.id) is None:
+            check_stored(session, owner, upload.size, self.settings.quota_bytes)
 
     def _device_class(self, session: Session, asked: str) -> str:
         if asked != "auto":

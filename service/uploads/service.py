@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 from service.auth.principal import Principal
 from service.db import Database, new_id, utc_now
 from service.errors import ServiceError
-from service.jobs.queries import stored_bytes
+from service.quotas import check_stored, hold_owner
 from service.settings import Settings
 from service.storage import Storage, StorageFull
 from service.uploads.inspection import Inspection, inspect_file
@@ -46,20 +46,15 @@ class UploadService:
         free = self.storage.free_bytes()
         if free is not None and free < size:
             raise storage_full()
-        quota = self.settings.quota_bytes
-        if quota:
-            with self.database.read() as session:
-                used = stored_bytes(session, principal.owner)
-            if used + size > quota:
-                raise ServiceError(
-                    "quota_storage",
-                    f"Delete finished jobs first: {used:,} of your {quota:,} bytes are used.",
-                )
+        with self.database.read() as session:
+            check_stored(session, principal.owner, size, self.settings.quota_bytes)
 
     def create(self, principal: Principal, name: str, size: int) -> Upload:
         self.check_room(principal, size)
         upload = self._blank(principal, name, size)
         with self.database.transaction() as unit:
+            hold_owner(unit.session, principal.owner)
+            check_stored(unit.session, principal.owner, size, self.settings.quota_bytes)
             unit.session.add(upload)
         return self.complete(upload) if size == 0 else upload
 

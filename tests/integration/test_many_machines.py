@@ -14,6 +14,7 @@ from alembic.migration import MigrationContext
 from backendkit import running_postgres, running_redis, running_s3
 from servicekit import (
     add_job,
+    free_port,
     make_settings,
     open_database,
     read_events,
@@ -24,13 +25,17 @@ from servicekit import (
 )
 from workerkit import Service
 
-from service.db import Database
+from service.auth.principal import Principal
+from service.auth.service import KeyService
+from service.db import Database, new_id
 from service.db.migrate import migrate
 from service.db.tables import metadata
+from service.errors import ServiceError
 from service.jobs.model import Job
 from service.jobs.repository import JobRepository
 from service.settings import Settings
 from service.storage import StoredBytesMissing, open_storage
+from service.uploads.service import UploadService
 
 LEASE = timedelta(seconds=60)
 
@@ -148,6 +153,54 @@ def test_of_many_claims_at_once_one_gets_the_job(database: Database) -> None:
     with ThreadPoolExecutor(8) as pool:
         claims = list(pool.map(claim, range(8)))
     assert sum(claimed is not None for claimed in claims) == 1
+
+
+def test_of_many_claims_at_once_no_more_start_than_the_owner_may_run(database: Database) -> None:
+    owner = new_id()
+    jobs = [add_job(database, owner) for _ in range(8)]
+
+    def claim(job: Job) -> Job | None:
+        with database.transaction() as unit:
+            return JobRepository(unit.session).claim(job.id, "w", "cpu", LEASE, 3)
+
+    with ThreadPoolExecutor(8) as pool:
+        claims = list(pool.map(claim, jobs))
+    assert sum(claimed is not None for claimed in claims) == 3
+
+
+def test_of_many_submissions_at_once_no_more_are_taken_than_the_quota(
+    postgres: str, tmp_path: Path
+) -> None:
+    quotas = {"quota_queued": 3, "require_keys": True, "rate_limit_per_minute": 0}
+    settings = make_settings(tmp_path, database_url=postgres, **quotas)
+    opened = open_database(settings)
+    secret = KeyService(opened).create("test", new_id(), ["read", "write"]).secret
+    opened.dispose()
+    key = {"X-API-Key": secret}
+    second = settings.model_copy(update={"port": free_port()})
+    with running_api(settings) as one, running_api(second) as other, ThreadPoolExecutor(12) as pool:
+        answers = list(pool.map(lambda api: submit(api, headers=key), [one, other] * 6))
+        jobs = one.get("/v1/jobs", headers=key).json()["jobs"]
+    assert sorted(answer.status_code for answer in answers) == [202] * 3 + [429] * 9
+    assert len(jobs) == 3
+
+
+def test_of_many_uploads_at_once_no_more_are_begun_than_there_is_room_for(
+    database: Database, tmp_path: Path
+) -> None:
+    settings = make_settings(tmp_path, quota_bytes=350)
+    uploads = UploadService(database, open_storage(settings), settings)
+    owner = Principal(new_id(), frozenset({"write"}))
+
+    def create(_: int) -> str:
+        try:
+            uploads.create(owner, "scan.ply", 100)
+        except ServiceError as refusal:
+            return refusal.code
+        return "begun"
+
+    with ThreadPoolExecutor(8) as pool:
+        assert sorted(pool.map(create, range(8))) == ["begun"] * 3 + ["quota_storage"] * 5
 
 
 def test_many_writers_number_events_without_gap_in_postgres(database: Database) -> None:

@@ -47,6 +47,22 @@ def test_jobs_are_enqueued_again_only_while_their_queue_is_empty(bench: Bench) -
         assert reaper.enqueue_forgotten() == []
 
 
+def test_a_job_over_its_owners_quota_is_announced_again_once_there_is_room(bench: Bench) -> None:
+    settings = bench.settings.model_copy(update={"quota_running": 1})
+    reaper = Reaper(bench.database, bench.bell, settings)
+    first, second = bench.submit(), bench.submit()
+    lease = timedelta(seconds=60)
+    with running_broker(settings):
+        reaper.enqueue_forgotten()
+        for job in (first, second):
+            bench.change(lambda jobs, job=job: jobs.claim(job.id, "w", "cpu", lease, 1))
+        assert [bench.load(job).status for job in (first, second)] == ["running", "queued"]
+        assert reaper.enqueue_forgotten() == []
+        bench.change(lambda jobs: jobs.succeed(first.id, 1, {}))
+        assert bench.bell.waiting("cpu", 1) > 0, "others keep the queue from being empty"
+        assert reaper.enqueue_forgotten() == [second.id]
+
+
 def test_a_broker_that_is_away_costs_nothing_but_patience(bench: Bench) -> None:
     job = bench.submit()
     reaper = Reaper(bench.database, bench.bell, bench.settings)
