@@ -25,7 +25,7 @@ class Linearisation:
     """The energy around ``values`` (N + 1,).
 
     ``losses`` are the weighted terms; ``gradient`` (N + 1,) is half the energy's gradient at free
-    nodes; ``slopes`` (N + 1, 3) define the viscosity rows.
+    nodes; ``slopes`` (3, N + 1) define the viscosity rows.
     """
 
     values: Array
@@ -47,7 +47,7 @@ class Energy:
         self._half_inverse = np.float32(0.5 * grid.resolution)
         self._laplace = np.float32(weights.viscosity_epsilon * grid.resolution**2)
         self._scale = np.float32(weights.viscosity / grid.side**3)
-        self._flux = grid.backend.zeros(len(grid) + 1, 4)
+        self._rows = grid.backend.zeros(len(grid) + 1)
         self._matrices, self._vectors = self._kernels.point_system(
             samples.local,
             samples.normals,
@@ -67,19 +67,13 @@ class Energy:
     def linearise(self, values: Array) -> Linearisation:
         """Losses, gradient and viscosity rows at ``values`` (N + 1,)."""
         grid, weights, kernels = self.grid, self.weights, self._kernels
-        slopes = grid.backend.zeros(len(grid) + 1, 3)
+        slopes = grid.backend.zeros(3, len(grid) + 1)
         gradient = grid.backend.zeros(len(grid) + 1)
         square = kernels.linearise(
-            values,
-            grid.neighbours,
-            grid.flags,
-            self._half_inverse,
-            self._laplace,
-            slopes,
-            self._flux,
+            values, grid.runs, self._half_inverse, self._laplace, slopes, self._rows
         )
         kernels.viscosity_columns(
-            self._flux, grid.neighbours, grid.flags, self._laplace, self._scale, gradient
+            self._rows, slopes, grid.runs, self._laplace, self._scale, gradient
         )
         self._add_points(values, gradient)
         gradient -= self._pull
@@ -96,15 +90,14 @@ class Energy:
         """
         grid, kernels, backend = self.grid, self._kernels, self.grid.backend
         share = np.float32(1 / fraction)
-        dropped = 1 - self._sample(len(grid) + 1, fraction, 2 * seed)
-        flags = grid.flags - (grid.flags & ROW) * dropped
+        kept = self._sample(len(grid) + 1, fraction, 2 * seed)
+        flags = grid.flags - (grid.flags & ROW) * (1 - kept)
         gradient = backend.zeros(len(grid) + 1)
-        slopes = backend.zeros(len(grid) + 1, 3)
-        kernels.linearise(
-            values, grid.neighbours, flags, self._half_inverse, self._laplace, slopes, self._flux
-        )
+        slopes = backend.zeros(3, len(grid) + 1)
+        kernels.linearise(values, grid.runs, self._half_inverse, self._laplace, slopes, self._rows)
+        self._rows *= kept
         kernels.viscosity_columns(
-            self._flux, grid.neighbours, flags, self._laplace, self._scale * share, gradient
+            self._rows, slopes, grid.runs, self._laplace, self._scale * share, gradient
         )
         if self.weights.coarea:
             self._add_coarea(values, gradient, flags, share)
@@ -153,10 +146,8 @@ class Energy:
     def matvec(self, at: Linearisation, v: Array, out: Array) -> None:
         """out = (λv/N JᵀJ + λp/m PᵀP + λn/m GᵀG) v for v (N + 1,) that is zero off free nodes."""
         grid, kernels = self.grid, self._kernels
-        kernels.viscosity_rows(v, at.slopes, grid.neighbours, grid.flags, self._laplace, self._flux)
-        kernels.viscosity_columns(
-            self._flux, grid.neighbours, grid.flags, self._laplace, self._scale, out
-        )
+        kernels.viscosity_rows(v, at.slopes, grid.runs, self._laplace, self._rows)
+        kernels.viscosity_columns(self._rows, at.slopes, grid.runs, self._laplace, self._scale, out)
         self._add_points(v, out)
 
     def diagonal(self, at: Linearisation) -> Array:
@@ -164,7 +155,7 @@ class Energy:
         grid = self.grid
         out = grid.backend.zeros(len(grid) + 1)
         self._kernels.viscosity_diagonal(
-            at.slopes, grid.neighbours, grid.flags, self._laplace, self._scale, out
+            at.slopes, grid.runs, grid.flags, self._laplace, self._scale, out
         )
         corner = np.arange(8)
         return out + self._scattered(self._matrices[:, corner, corner])

@@ -37,6 +37,16 @@ class Nodes:
     def full_flags(self) -> np.ndarray:
         return np.append(self.complete * (ROW | FREE), 0).astype(np.uint8)
 
+    @property
+    def runs(self) -> np.ndarray:
+        """Start, stop and ways of each stretch of complete nodes, cut in two where it is long."""
+        node = np.flatnonzero(self.complete)
+        stretches = np.split(node, np.flatnonzero(np.diff(node) > 1) + 1) if len(node) else []
+        pieces = [piece for s in stretches for piece in np.array_split(s, 2) if len(piece)]
+        starts = np.array([piece[0] for piece in pieces], np.int64)
+        stops = np.array([piece[-1] + 1 for piece in pieces], np.int64)
+        return np.column_stack([starts, stops, self.neighbours[starts, :4] - starts[:, None]])
+
     def flags(self) -> np.ndarray:
         """Flags with some rows and some free nodes taken away, independently."""
         dropped = self.rng.choice([0, ROW, FREE], len(self) + 1, p=[0.6, 0.2, 0.2])
@@ -142,20 +152,20 @@ HALF_INVERSE, LAPLACE, SCALE = np.float32(8), np.float32(2.5), np.float32(0.3)
 
 
 def _linearise(n: Nodes) -> tuple[Any, ...]:
-    outputs = n.vector(3), n.vector(4)
-    return n.vector(), n.neighbours, n.flags(), HALF_INVERSE, LAPLACE, *outputs
+    outputs = n.vector(3).T.copy(), n.vector()
+    return n.vector(), n.runs, HALF_INVERSE, LAPLACE, *outputs
 
 
 def _viscosity_rows(n: Nodes) -> tuple[Any, ...]:
-    return n.vector(), n.vector(3), n.neighbours, n.flags(), LAPLACE, n.vector(4)
+    return n.vector(), n.vector(3).T.copy(), n.runs, LAPLACE, n.vector()
 
 
 def _viscosity_columns(n: Nodes) -> tuple[Any, ...]:
-    return n.vector(4), n.neighbours, n.flags(), LAPLACE, SCALE, n.vector()
+    return n.vector(), n.vector(3).T.copy(), n.runs, LAPLACE, SCALE, n.vector()
 
 
 def _viscosity_diagonal(n: Nodes) -> tuple[Any, ...]:
-    return n.vector(3), n.neighbours, n.flags(), LAPLACE, SCALE, n.vector()
+    return n.vector(3).T.copy(), n.runs, n.flags(), LAPLACE, SCALE, n.vector()
 
 
 def _point_system(n: Nodes) -> tuple[Any, ...]:
@@ -238,6 +248,10 @@ def _neighbour_table(n: Nodes) -> tuple[Any, ...]:
     return n.ijk, n.columns, n.side
 
 
+def _free_runs(n: Nodes) -> tuple[Any, ...]:
+    return n.neighbours, n.full_flags
+
+
 def _refine(n: Nodes) -> tuple[Any, ...]:
     return n.ijk, n.columns, n.vector(), n.side, 0.2
 
@@ -299,6 +313,7 @@ INPUTS: dict[str, Callable[[Nodes], tuple[Any, ...]]] = {
         _adam_advance,
         _find_nodes,
         _neighbour_table,
+        _free_runs,
         _refine,
         _voxel_corners,
         _surface_counts,

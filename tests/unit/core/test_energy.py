@@ -237,8 +237,8 @@ def test_viscosity_of_a_spline_is_its_energy_averaged_over_directions(
     spline = np.append(line[:, None, None] * line[:, None] * line, 0).astype(np.float32)
     total = 0.0
     for direction in np.concatenate([np.eye(3), -np.eye(3)]):
-        slopes = np.zeros((len(spline), 3), np.float32)
-        slopes[:-1] = direction * energy.grid.resolution / 2
+        slopes = np.zeros((3, len(spline)), np.float32)
+        slopes[:, :-1] = direction[:, None] * energy.grid.resolution / 2
         at = Linearisation(backend.zeros(0), {}, backend.zeros(0), backend.array(slopes))
         out = backend.zeros(len(spline))
         energy.matvec(at, backend.array(spline), out)

@@ -14,7 +14,7 @@ from visco_core.errors import InputError
 from visco_core.kernels import FREE, ROW, Backend, choose_backend, numba_cpu, reference
 from visco_core.solvers.preconditioner import spline_basis
 
-EXACT = {"find_nodes", "neighbour_table", "voxel_corners", "sample", "surface_counts"}
+EXACT = {"find_nodes", "neighbour_table", "free_runs", "voxel_corners", "sample", "surface_counts"}
 EXACT |= {"surface_faces", "squared_distance"}
 
 
@@ -83,6 +83,17 @@ def test_neighbours_and_flags_are_those_of_brute_force(nodes: Nodes, backend: Ba
     table, flags = call(backend, "neighbour_table", nodes.ijk, nodes.columns, nodes.side)[:2]
     np.testing.assert_array_equal(table, nodes.neighbours)
     np.testing.assert_array_equal(flags, nodes.full_flags)
+
+
+def test_runs_are_the_free_nodes_and_lead_to_their_neighbours(
+    nodes: Nodes, backend: Backend
+) -> None:
+    runs = call(backend, "free_runs", nodes.neighbours, nodes.full_flags)[0]
+    found = [node for start, stop in runs[:, :2] for node in range(start, stop)]
+    np.testing.assert_array_equal(found, np.flatnonzero(nodes.complete))
+    for start, stop, *ways in runs:
+        node = np.arange(start, stop)[:, None]
+        np.testing.assert_array_equal(node + [*ways, -1, 1], nodes.neighbours[start:stop])
 
 
 def test_every_node_is_found_and_no_other(nodes: Nodes, backend: Backend) -> None:
@@ -226,6 +237,12 @@ def test_an_explicit_backend_is_the_one_that_is_used() -> None:
     assert choose_backend("reference", "cpu").name == "reference"
     assert choose_backend("numba", "cpu").name == "numba"
     assert choose_backend("auto", "cpu").name == "numba"
+
+
+def test_what_runs_beside_the_kernels_gets_as_many_threads_as_they() -> None:
+    for name in ("numba", "reference"):
+        assert choose_backend(name, "cpu", 1).threads == 1
+    assert choose_backend("numba", "cpu").threads >= 1
 
 
 def test_numba_refuses_a_cuda_device() -> None:

@@ -30,6 +30,7 @@ from visco_core.kernels.numba_cpu.surface import (
 )
 from visco_core.kernels.numba_cpu.topology import (
     find_nodes,
+    free_runs,
     neighbour_table,
     refine,
     voxel_corners,
@@ -55,6 +56,7 @@ __all__ = [
     "coarea",
     "dot",
     "find_nodes",
+    "free_runs",
     "linearise",
     "neighbour_table",
     "point_matvec",

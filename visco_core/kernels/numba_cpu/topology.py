@@ -65,6 +65,13 @@ def neighbour_table(ijk, columns, side):
     return out, flags
 
 
+def free_runs(neighbours, flags):
+    free = (flags & FREE > 0).astype(np.int8)
+    edges = np.diff(free, prepend=0)
+    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return np.column_stack([starts, stops, neighbours[starts, :4] - starts[:, None]])
+
+
 @njit(inline="always")
 def _refine_column(ijk, columns, values, side, i, j, limit, write, out_ijk, out_values, cursor):
     """Children in fine column (i, j) whose parents all exist and that lie within ``limit``."""

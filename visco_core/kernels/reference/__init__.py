@@ -41,6 +41,7 @@ from visco_core.kernels.reference.surface import (
 )
 from visco_core.kernels.reference.topology import (
     find_nodes,
+    free_runs,
     neighbour_table,
     refine,
     voxel_corners,
@@ -66,6 +67,7 @@ __all__ = [
     "coarea",
     "dot",
     "find_nodes",
+    "free_runs",
     "linearise",
     "neighbour_table",
     "point_matvec",

@@ -37,6 +37,19 @@ def neighbour_table(ijk: Tensor, columns: Tensor, side: int) -> tuple[Tensor, Te
     return neighbours, flags
 
 
+def free_runs(neighbours: Tensor, flags: Tensor) -> Tensor:
+    """The runs (R, 6) int64 of consecutive free nodes: start, stop, and the ways −x, +x, −y, +y.
+
+    A way is what to add to a node's index for its neighbour's; it is the same all along a run,
+    since nodes are sorted by (i, j, k) and a free node has all its neighbours. ∓z is ∓1.
+    """
+    free = (flags & FREE).bool().long()
+    edges = torch.diff(free, prepend=free.new_zeros(1))
+    starts, stops = (edges == 1).nonzero()[:, 0], (edges == -1).nonzero()[:, 0]
+    ways = neighbours[starts, :4].long() - starts[:, None]
+    return torch.cat([starts[:, None], stops[:, None], ways], 1)
+
+
 def refine(
     ijk: Tensor, columns: Tensor, values: Tensor, side: int, limit: float
 ) -> tuple[Tensor, Tensor, Tensor]:

@@ -1,72 +1,80 @@
-"""Plain kernels of the viscosity loss: its rows, their transpose and the diagonal."""
+"""Plain kernels of the viscosity loss: its rows, their transpose and the diagonal.
+
+There is a row at every free node, ``runs`` lists them (``free_runs``), and what a kernel writes it
+writes there: elsewhere the caller's zeros stay.
+"""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-from visco_core.kernels.reference.common import FREE, ROW
+from visco_core.kernels.reference.common import ROW
+
+
+def _around(runs: Tensor) -> tuple[Tensor, Tensor]:
+    """The free nodes (K,) and their neighbours (K, 6) in the order −x, +x, −y, +y, −z, +z."""
+    lengths = runs[:, 1] - runs[:, 0]
+    first = runs[:, 0] - lengths.cumsum(0) + lengths
+    node = torch.repeat_interleave(first, lengths)
+    node = node + torch.arange(len(node), device=runs.device)
+    sides = node[:, None] + torch.repeat_interleave(runs[:, 2:], lengths, 0)
+    return node, torch.cat([sides, node[:, None] - 1, node[:, None] + 1], 1)
 
 
 def linearise(
     values: Tensor,
-    neighbours: Tensor,
-    flags: Tensor,
+    runs: Tensor,
     half_inverse: float,
     laplace: float,
     slopes: Tensor,
-    flux: Tensor,
+    rows: Tensor,
 ) -> float:
-    """Viscosity rows at ``values`` (N + 1,): fills slopes and flux, returns Σ r².
+    """Viscosity rows at ``values`` (N + 1,): fills slopes (3, N + 1) and rows (N + 1,) with r.
 
-    r = (‖∇̂f‖ − 1)·sign(f) − ε Δ̂f, with half_inverse = 1/2h and laplace = ε/h².
+    r = (‖∇̂f‖ − 1)·sign(f) − ε Δ̂f, with half_inverse = 1/2h and laplace = ε/h²; returns Σ r².
     """
-    around = values[neighbours.long()]
-    center = values[:-1]
-    row = (flags[:-1] & ROW).bool()
-    gradient = (around[:, 1::2] - around[:, 0::2]) * half_inverse
+    node, around = _around(runs)
+    center, beside = values[node], values[around]
+    gradient = (beside[:, 1::2] - beside[:, 0::2]) * half_inverse
     norm = gradient.norm(dim=1)
     sign = torch.sign(center)
-    residual = (norm - 1) * sign - laplace * (around.sum(1) - 6 * center)
-    residual = torch.where(row, residual, torch.zeros_like(residual))
-    direction = (sign * half_inverse / norm.clamp_min(1e-6))[:, None] * gradient
-    slopes[:-1] = torch.where(row[:, None], direction, torch.zeros_like(direction))
-    flux[:-1, :3] = slopes[:-1] * residual[:, None]
-    flux[:-1, 3] = residual
+    residual = (norm - 1) * sign - laplace * (beside.sum(1) - 6 * center)
+    slopes[:, node] = (sign * half_inverse / norm.clamp_min(1e-6)) * gradient.T
+    rows[node] = residual
     return float(residual.double().square().sum())
 
 
-def viscosity_rows(
-    v: Tensor, slopes: Tensor, neighbours: Tensor, flags: Tensor, laplace: float, flux: Tensor
-) -> None:
-    """flux = (slopes · r, r) with r = J v, J δ = s n̂·∇̂δ − ε Δ̂δ, at every row."""
-    around = v[neighbours.long()]
-    difference = around[:, 1::2] - around[:, 0::2]
-    rows = (slopes[:-1] * difference).sum(1) - laplace * (around.sum(1) - 6 * v[:-1])
-    rows = rows * (flags[:-1] & ROW)
-    flux[:-1, :3] = slopes[:-1] * rows[:, None]
-    flux[:-1, 3] = rows
+def viscosity_rows(v: Tensor, slopes: Tensor, runs: Tensor, laplace: float, rows: Tensor) -> None:
+    """rows = J v, with J δ = s n̂·∇̂δ − ε Δ̂δ."""
+    node, around = _around(runs)
+    beside = v[around]
+    difference = beside[:, 1::2] - beside[:, 0::2]
+    along = (slopes[:, node].T * difference).sum(1)
+    rows[node] = along - laplace * (beside.sum(1) - 6 * v[node])
 
 
 def viscosity_columns(
-    flux: Tensor, neighbours: Tensor, flags: Tensor, laplace: float, scale: float, out: Tensor
+    rows: Tensor, slopes: Tensor, runs: Tensor, laplace: float, scale: float, out: Tensor
 ) -> None:
-    """out = scale · Jᵀ r at every free node, zero elsewhere."""
-    around = neighbours.long()
-    total = -laplace * (flux[around, 3].sum(1) - 6 * flux[:-1, 3])
+    """out = scale · Jᵀ rows."""
+    node, around = _around(runs)
+    total = -laplace * (rows[around].sum(1) - 6 * rows[node])
     for axis in range(3):
-        total += flux[around[:, 2 * axis], axis] - flux[around[:, 2 * axis + 1], axis]
-    out[:-1] = scale * total * (flags[:-1] & FREE).bool()
+        low, high = around[:, 2 * axis], around[:, 2 * axis + 1]
+        total += slopes[axis, low] * rows[low] - slopes[axis, high] * rows[high]
+    out[node] = scale * total
 
 
 def viscosity_diagonal(
-    slopes: Tensor, neighbours: Tensor, flags: Tensor, laplace: float, scale: float, out: Tensor
+    slopes: Tensor, runs: Tensor, flags: Tensor, laplace: float, scale: float, out: Tensor
 ) -> None:
-    """out = the diagonal of scale · JᵀJ at every free node, zero elsewhere."""
+    """out = the diagonal of scale · JᵀJ."""
+    node, around = _around(runs)
     row = (flags & ROW).to(slopes.dtype)
-    total = 36 * laplace**2 * row[:-1]
+    total = torch.full_like(slopes[0, node], 36 * laplace**2)
     for axis in range(3):
-        low, high = neighbours[:, 2 * axis].long(), neighbours[:, 2 * axis + 1].long()
-        total = total + row[low] * (slopes[low, axis] - laplace) ** 2
-        total = total + row[high] * (slopes[high, axis] + laplace) ** 2
-    out[:-1] = scale * total * (flags[:-1] & FREE).bool()
+        low, high = around[:, 2 * axis], around[:, 2 * axis + 1]
+        total += row[low] * (slopes[axis, low] - laplace) ** 2
+        total += row[high] * (slopes[axis, high] + laplace) ** 2
+    out[node] = scale * total
