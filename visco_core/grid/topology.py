@@ -20,8 +20,9 @@ class Grid:
 
     ijk (N, 3) int16; columns (side² + 1,) int64, the start of each (i, j) column;
     neighbours (N, 6) int32 in the order −x, +x, −y, +y, −z, +z, N where there is none;
-    flags (N + 1,) uint8; runs (R, 6) int64 as ``kernels.free_runs`` makes them. A node on the rim, that lacks a neighbour, is neither ROW nor FREE: its
-    value is fixed and bounds the solve (Dirichlet).
+    flags (N + 1,) uint8; runs (R, 6) int64 as ``kernels.free_runs`` makes them. A node on the rim,
+    that lacks a neighbour, is neither ROW nor FREE: its value is fixed and bounds the solve
+    (Dirichlet).
     """
 
     backend: Backend

@@ -93,7 +93,7 @@ def test_runs_are_the_free_nodes_and_lead_to_their_neighbours(
     np.testing.assert_array_equal(found, np.flatnonzero(nodes.complete))
     for start, stop, *ways in runs:
         node = np.arange(start, stop)[:, None]
-        np.testing.assert_array_equal(node + [*ways, -1, 1], nodes.neighbours[start:stop])
+        np.testing.assert_array_equal(node + np.array([*ways, -1, 1]), nodes.neighbours[start:stop])
 
 
 def test_every_node_is_found_and_no_other(nodes: Nodes, backend: Backend) -> None:
