@@ -9,6 +9,7 @@ import numpy as np
 
 from visco_core.errors import InputError
 from visco_core.pointcloud import PointCloud
+from visco_core.progress import Check, never
 
 _STRAY_SHARE = 0.01
 _STRAY_DISTANCE = 10.0
@@ -57,7 +58,11 @@ class CleaningReport:
 
 
 def clean_points(
-    cloud: PointCloud, *, normals: Literal["use", "estimate", "ignore"] = "use"
+    cloud: PointCloud,
+    *,
+    normals: Literal["use", "estimate", "ignore"] = "use",
+    threads: int = -1,
+    check: Check = never,
 ) -> tuple[PointCloud, CleaningReport]:
     """The points that a surface can be made of, in their order, with unit normals or none.
 
@@ -84,11 +89,15 @@ def clean_points(
         cloud, lengths = _with_finite_normals(cloud, cloud.normals)
     rescaled = 0 if lengths is None else int(((lengths > 0) & (abs(lengths - 1) > 0.01)).sum())
 
+    check()
     distinct = merge_duplicates(cloud)
+    check()
     strays = find_strays(distinct.points)
+    check()
     kept = distinct.select(~strays) if strays.any() else distinct
     _require_surface(kept.points)
-    kept, filled = _unit_normals(kept)
+    check()
+    kept, filled = _unit_normals(kept, threads, check)
     report = CleaningReport(
         read=read,
         kept=len(kept),
@@ -223,7 +232,7 @@ def _with_finite_normals(cloud: PointCloud, normals: np.ndarray) -> tuple[PointC
     return _with_normals(cloud, filled), np.where(finite, lengths, 0.0)
 
 
-def _unit_normals(cloud: PointCloud) -> tuple[PointCloud, int]:
+def _unit_normals(cloud: PointCloud, threads: int, check: Check) -> tuple[PointCloud, int]:
     """Unit normals, missing ones filled, or none at all; and how many were filled."""
     if cloud.normals is None:
         return cloud, 0
@@ -233,18 +242,20 @@ def _unit_normals(cloud: PointCloud) -> tuple[PointCloud, int]:
     if missing.mean() > _BAD_NORMALS_TOLERATED:
         return _with_normals(cloud, None), 0
     if missing.any():
-        nearest = _nearest(cloud.points, ~missing, missing)
+        nearest = _nearest(cloud.points, ~missing, missing, threads, check)
         normals[missing], lengths[missing] = normals[nearest], lengths[nearest]
     unit = (normals / lengths[:, None]).astype(np.float32)
     return _with_normals(cloud, unit), int(missing.sum())
 
 
-def _nearest(points: np.ndarray, among: np.ndarray, of: np.ndarray) -> np.ndarray:
+def _nearest(
+    points: np.ndarray, among: np.ndarray, of: np.ndarray, threads: int, check: Check
+) -> np.ndarray:
     """For each point of mask ``of``, the index of the nearest one of mask ``among``."""
-    from scipy.spatial import KDTree
+    from visco_core.neighbours import Neighbours
 
-    tree = KDTree(points[among], balanced_tree=False, compact_nodes=False)
-    return np.flatnonzero(among)[tree.query(points[of])[1]]
+    found = Neighbours(points[among], threads, check).nearest(points[of])[1]
+    return np.flatnonzero(among)[found[:, 0]]
 
 
 def _with_normals(cloud: PointCloud, normals: np.ndarray | None) -> PointCloud:

@@ -8,6 +8,7 @@ is left, or is not begun, and the finest finished level stands.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -23,13 +24,15 @@ from visco_core.grid.topology import Grid, dense_grid, refine
 from visco_core.initial import starting_values
 from visco_core.kernels import Array, Backend
 from visco_core.presets import Settings, Weights
+from visco_core.progress import Check
 from visco_core.result import Outcome
 from visco_core.solvers.adam import Adam
 from visco_core.solvers.gauss_newton import GaussNewton
 from visco_core.solvers.loop import Solver, State, minimise
 
-COARSEST = 64
-"""Voxels an axis of the coarsest level, within a factor of √2."""
+COARSEST, COARSEST_AT_MOST = 64, 96
+"""Voxels an axis of the coarsest level. With fewer, thin shapes keep stray pieces; with more, its
+dense grid would take most of the time."""
 
 CONTINUATION = (4.0, 2.0, 1.0)
 """ε on the coarsest level, in turn, as multiples of the asked one. A larger ε leaves fewer local
@@ -38,13 +41,20 @@ minima and moves the surface across holes in few steps; starting at the asked ε
 BYTES_PER_NODE = 150
 BYTES_PER_POINT = 420
 SECONDS_PER_NODE_STEP = 8e-9
+SECONDS_PER_POINT = 3e-7
+"""Speeds to begin with, until a level has been timed; the second is that of sorting the points into
+a level's voxels."""
+
 SETUP_STEPS = 15
 FINISH_STEPS = 30
 LEAST_STEPS = 15
-MULTILEVEL_STEPS = 2
-"""Costs in units of one conjugate-gradient iteration over the level's nodes: building a level,
-extracting and writing its surface, the least work that makes a level worth beginning, and an
-iteration with the multilevel preconditioner, which the coarsest level has."""
+MULTILEVEL_STEPS, MULTILEVEL_SETUP_STEPS = 2, 120
+"""Costs in units of one conjugate-gradient iteration over the level's nodes: beginning a level,
+extracting and writing its surface, the least work that makes a level worth beginning, and, with the
+multilevel preconditioner that the coarsest level has, an iteration and its beginning."""
+
+GRACE_SECONDS = 1.0
+"""How far beyond the budget the coarsest level may end: a late surface is better than none."""
 
 
 @dataclass(frozen=True)
@@ -72,22 +82,26 @@ class SolvedLevel:
 
 
 def plan_resolutions(resolution: int) -> list[int]:
-    """Voxels an axis of each level, doubling; the last is ``resolution``, rounded up to fit."""
-    halvings = max(0, round(np.log2(resolution / COARSEST)))
-    coarsest = -(-resolution // 2**halvings)
+    """Voxels an axis of each level, doubling; the last is ``resolution``, rounded up to fit.
+
+    It is a third larger at most: 96 is one level, 97 becomes 64 and 128.
+    """
+    halvings = max(0, math.ceil(math.log2(resolution / COARSEST_AT_MOST)))
+    coarsest = max(COARSEST, -(-resolution // 2**halvings))
     return [coarsest << level for level in range(halvings + 1)]
 
 
 class LevelPlan:
     """Predicts what levels cost and shares the clock among them.
 
-    A cost is a number of node-steps: nodes times iterations.
+    A level costs seconds per point, and seconds per node-step: nodes times iterations.
     """
 
     def __init__(self, settings: Settings, clock: Clock, points: int) -> None:
         self.resolutions = plan_resolutions(settings.config.resolution)
         self.settings, self.clock, self.points = settings, clock, points
         self.seconds_per_node_step = SECONDS_PER_NODE_STEP
+        self.seconds_per_point = SECONDS_PER_POINT
         self.nodes = [float((self.resolutions[0] + 1) ** 3)]
         self.nodes += [1.1 * self.nodes[0] * 4**level for level in range(len(self.resolutions) - 1)]
 
@@ -114,18 +128,25 @@ class LevelPlan:
         for later in range(level + 1, len(self.nodes)):
             self.nodes[later] = following * 4 ** (later - level - 1)
 
-    def measured(self, level: int, work: int, seconds: float) -> None:
-        steps = work * self._steps_per_iteration(level)
-        self.seconds_per_node_step = seconds / (self.nodes[level] * max(steps, 1))
+    def located(self, seconds: float) -> None:
+        """Takes up how long the points took on a level."""
+        self.seconds_per_point = seconds / self.points
 
-    def _steps_per_iteration(self, level: int) -> int:
-        fast = self.settings.config.profile == "fast"
-        return MULTILEVEL_STEPS if fast and level == 0 else 1
+    def measured(self, level: int, work: int, seconds: float) -> None:
+        """Takes up how long ``work`` iterations on ``level`` took."""
+        self.seconds_per_node_step = seconds / (self.nodes[level] * self._steps(level, work))
+
+    def _steps(self, level: int, work: int) -> int:
+        if level == 0 and self.settings.config.profile == "fast":
+            return MULTILEVEL_SETUP_STEPS + work * MULTILEVEL_STEPS
+        return SETUP_STEPS + work
 
     def cost(self, level: int, least: bool = False) -> float:
-        work = LEAST_STEPS if least else sum(solver.work for _, solver in self.stages(level))
-        steps = work * self._steps_per_iteration(level)
-        return self.nodes[level] * (SETUP_STEPS + steps) * self.seconds_per_node_step
+        """Seconds that ``level`` takes, or with ``least`` those without which it is not begun."""
+        work = sum(solver.work for _, solver in self.stages(level))
+        work = min(work, LEAST_STEPS) if least else work
+        over_nodes = self.nodes[level] * self._steps(level, work) * self.seconds_per_node_step
+        return over_nodes + self.points * self.seconds_per_point
 
     def finish_seconds(self, level: int) -> float:
         return self.nodes[level] * FINISH_STEPS * self.seconds_per_node_step
@@ -139,7 +160,8 @@ class LevelPlan:
         if limit is not None and self.memory_bytes(level) > limit:
             return "memory_limited"
         needed = self.cost(level, least=True) + self.finish_seconds(level)
-        return "budget_exhausted" if needed > self.clock.remaining_seconds else None
+        left = self.clock.remaining_seconds + (GRACE_SECONDS if level == 0 else 0.0)
+        return "budget_exhausted" if needed > left else None
 
     def start(self, level: int) -> None:
         """Gives ``level`` its share of the time left, keeping enough for the finer ones' start."""
@@ -197,11 +219,15 @@ def solve_levels(
 
 
 def _begin(
-    backend: Backend, problem: Problem, resolution: int, coarser: SolvedLevel | None
+    backend: Backend,
+    problem: Problem,
+    resolution: int,
+    coarser: SolvedLevel | None,
+    check: Check,
 ) -> tuple[Grid, Array]:
     if coarser is not None:
         return refine(coarser.grid, coarser.values, problem.settings.schedule.band_width)
-    values = starting_values(backend, problem.points, problem.start_normals, resolution)
+    values = starting_values(backend, problem.points, problem.start_normals, resolution, check)
     return dense_grid(backend, resolution + 1), backend.array(values)
 
 
@@ -214,12 +240,16 @@ def _solve_level(
 ) -> SolvedLevel:
     clock, resolution = plan.clock, plan.resolutions[level]
     with clock.phase("refine" if coarser else "start", resolution=resolution) as entry:
-        grid, values = _begin(backend, problem, resolution, coarser)
+        grid, values = _begin(backend, problem, resolution, coarser, clock.check)
         entry["nodes"] = plan.nodes[level] = len(grid)
     plan.start(level)
     with clock.phase("solve", resolution=resolution, nodes=len(grid)) as entry:
-        samples = locate(grid, problem.points, problem.fitted_normals)
+        begun = time.monotonic()
+        samples = locate(grid, problem.points, problem.fitted_normals, clock.check)
+        clock.check()
         energy = Energy(grid, samples, problem.weights)
+        clock.check()
+        plan.located(time.monotonic() - begun)
         reporter = _Reporter(plan, level)
         losses: dict[str, float] = {}
         for epsilon, solver in plan.stages(level):

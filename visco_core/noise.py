@@ -11,7 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import KDTree
+
+from visco_core.neighbours import Neighbours
+from visco_core.progress import Check, never
 
 SCALES = ((24, 800), (96, 400), (384, 200), (1536, 100))
 """Neighbours, and how many points are sampled at that size."""
@@ -32,21 +34,26 @@ class Noise:
     normal: float
 
 
-def estimate_noise(points: np.ndarray, normals: np.ndarray, seed: int = 0) -> Noise:
+def estimate_noise(
+    points: np.ndarray,
+    normals: np.ndarray,
+    seed: int = 0,
+    threads: int = -1,
+    check: Check = never,
+) -> Noise:
     """The noise of ``points`` (P, 3) and of their unit normals (P, 3).
 
     The deviation of the normals is measured about their own linear trend at the smallest scale, so
     noise that neighbours share is not seen.
     """
     random = np.random.default_rng(seed)
-    tree = KDTree(points)
+    around = Neighbours(points, threads, check)
     residuals: list[float] = []
     normal_deviation = 0.0
     for neighbours, samples in SCALES:
         count = min(neighbours, len(points))
         chosen = random.choice(len(points), min(samples, len(points)), replace=False)
-        found = tree.query(points[chosen], count, workers=-1)[1]
-        nearest = np.reshape(found, (len(chosen), count))
+        nearest = around.nearest(points[chosen], count)[1]
         basis, height = _local_frame(points[nearest])
         residuals.append(_typical_deviation(height[..., None], basis))
         if len(residuals) == 1:

@@ -5,35 +5,45 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from visco_core.config import ReconstructionConfig
 from visco_core.errors import InputError
+from visco_core.neighbours import Neighbours
 from visco_core.pointcloud import PointCloud
+from visco_core.progress import Check, never
 from visco_core.result import Mesh
 
 CARRIED_FROM = 4
 """How many points a vertex takes its colour from: one alone would leave jagged borders."""
 
 
-def finish_mesh(mesh: Mesh, cloud: PointCloud, config: ReconstructionConfig) -> Mesh:
+def finish_mesh(
+    mesh: Mesh,
+    cloud: PointCloud,
+    config: ReconstructionConfig,
+    threads: int = -1,
+    check: Check = never,
+) -> Mesh:
     """``mesh`` trimmed, decimated and coloured as the settings and the scan ask."""
     if config.trim is not None:
-        mesh = trim(mesh, cloud.points, config.trim)
+        mesh = trim(mesh, cloud.points, config.trim, threads, check)
     if config.decimate is not None and len(mesh.faces) > config.decimate:
         mesh = decimate(mesh, config.decimate)
     if cloud.colors is not None or cloud.scalars:
-        mesh = carry_attributes(mesh, cloud)
+        mesh = carry_attributes(mesh, cloud, threads, check)
     return mesh
 
 
-def trim(mesh: Mesh, points: np.ndarray, distance: float) -> Mesh:
+def trim(
+    mesh: Mesh, points: np.ndarray, distance: float, threads: int = -1, check: Check = never
+) -> Mesh:
     """``mesh`` without the faces that have a vertex farther than ``distance`` from every point.
 
     Raises InputError (``trim_removes_all``) when nothing would be left.
     """
-    nearest = KDTree(points).query(mesh.vertices, distance_upper_bound=distance, workers=-1)[0]
+    nearest = Neighbours(points, threads, check).nearest(mesh.vertices, within=distance)[0][:, 0]
     faces = mesh.faces[np.isfinite(nearest)[mesh.faces].all(1)]
+    check()
     if not len(faces):
         raise InputError(
             "trim_removes_all",
@@ -70,15 +80,17 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return (total / np.maximum(length, 1e-300)).astype(np.float32)
 
 
-def carry_attributes(mesh: Mesh, cloud: PointCloud) -> Mesh:
+def carry_attributes(
+    mesh: Mesh, cloud: PointCloud, threads: int = -1, check: Check = never
+) -> Mesh:
     """``mesh`` with the colours and scalars of the nearest points, weighted by 1 / distance²."""
     count = min(CARRIED_FROM, len(cloud))
-    found = KDTree(cloud.points).query(mesh.vertices, count, workers=-1)
-    distance, nearest = (np.reshape(part, (-1, count)) for part in found)
+    distance, nearest = Neighbours(cloud.points, threads, check).nearest(mesh.vertices, count)
     weights = 1 / np.maximum(distance, 1e-9 * np.ptp(cloud.points, axis=0).max()) ** 2
     weights /= weights.sum(1, keepdims=True)
 
     def mean(values: np.ndarray) -> np.ndarray:
+        check()
         return np.einsum("vk,vk...->v...", weights, values[nearest])
 
     return replace(

@@ -14,6 +14,7 @@ from visco_core.clock import Clock, peak_memory_bytes
 from visco_core.config import ReconstructionConfig
 from visco_core.extract import extract_isosurface, supported_pieces
 from visco_core.frame import Normalisation
+from visco_core.grid.samples import spatial_order
 from visco_core.kernels import choose_backend
 from visco_core.multires import Problem, SolvedLevel, solve_levels
 from visco_core.noise import estimate_noise
@@ -55,18 +56,24 @@ def reconstruct(
     backend = choose_backend(config.backend, config.device, config.threads)
     with clock.phase("prepare", points=len(cloud)) as entry:
         cloud = cloud if config.crop is None else cloud.crop(config.crop)
-        cloud, cleaning = clean_points(cloud, normals=config.normals)
+        cloud, cleaning = clean_points(
+            cloud, normals=config.normals, threads=backend.threads, check=clock.check
+        )
         entry["notes"] = cleaning.sentences
         frame = Normalisation.of(cloud.points)
     normals = cloud.normals
     if normals is None:
         with clock.phase("normals"):
-            normals = estimate_normals(cloud.points)
+            normals = estimate_normals(cloud.points, backend.threads, clock.check)
     points = frame.to_cube(cloud.points)
+    order = spatial_order(points)
+    clock.check()
+    points, normals = points[order], normals[order]
+    clock.check()
     settings = decide(config)
     if config.profile == "fast":
         with clock.phase("noise") as entry:
-            noise = estimate_noise(points, normals, config.seed)
+            noise = estimate_noise(points, normals, config.seed, backend.threads, clock.check)
             entry.update(position=noise.position * frame.scale, normal_radians=noise.normal)
         settings = decide(config, weights_for_noise(noise, len(points), config.resolution))
     fitted = None if config.normals == "ignore" else normals
@@ -74,6 +81,7 @@ def reconstruct(
 
     def surface(level: SolvedLevel) -> Mesh:
         found = extract_isosurface(level.grid, level.values)
+        clock.check()
         found = supported_pieces(found, level.samples, backend)
         return Mesh(frame.to_scan(found.vertices), found.faces, found.normals)
 
@@ -83,7 +91,7 @@ def reconstruct(
 
     level, outcome = solve_levels(backend, problem, clock, level_done if on_level else None)
     with clock.phase("extract") as entry:
-        mesh = finish_mesh(surface(level), cloud, config)
+        mesh = finish_mesh(surface(level), cloud, config, backend.threads, clock.check)
         entry.update(vertices=len(mesh.vertices), triangles=len(mesh.faces))
     backend_name = f"{backend.name} on {backend.device}"
     return Reconstruction(mesh, outcome, _report(settings, clock, outcome, frame, backend_name))

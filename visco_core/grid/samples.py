@@ -8,6 +8,10 @@ import numpy as np
 
 from visco_core.grid.topology import Grid, voxel_corners
 from visco_core.kernels import Array
+from visco_core.progress import Check, never
+
+CELLS = 64
+"""Along each axis, for ``spatial_order``: the points of a slab then fit a core's cache."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,19 @@ class Samples:
     total: int
 
 
-def locate(grid: Grid, points: np.ndarray, normals: np.ndarray | None) -> Samples:
+def spatial_order(points: np.ndarray) -> np.ndarray:
+    """(P,) an order of ``points`` (P, 3) in [0, 1]³ in which neighbours lie close in memory.
+
+    All that looks points up by place is up to four times as fast in it, where a scan of millions of
+    points is not in such an order already.
+    """
+    cells = np.clip((points * CELLS).astype(np.int32), 0, CELLS - 1)
+    return np.argsort((cells[:, 0] * CELLS + cells[:, 1]) * CELLS + cells[:, 2], kind="stable")
+
+
+def locate(
+    grid: Grid, points: np.ndarray, normals: np.ndarray | None, check: Check = never
+) -> Samples:
     """Sorts ``points`` (P, 3) in [0, 1]³ into the grid's voxels; leaves out those off the band.
 
     normals (P, 3) float32, unit, outward, or None.
@@ -39,6 +55,7 @@ def locate(grid: Grid, points: np.ndarray, normals: np.ndarray | None) -> Sample
     voxels = np.clip(scaled.astype(np.int32), 0, resolution - 1)
     keys = (voxels[:, 0].astype(np.int64) * resolution + voxels[:, 1]) * resolution + voxels[:, 2]
     order = np.argsort(keys, kind="stable")
+    check()
     keys = keys[order]
     firsts = np.flatnonzero(np.diff(keys, prepend=-1))
     corners = backend.numpy(voxel_corners(grid, backend.array(voxels[order[firsts]])))
@@ -47,7 +64,11 @@ def locate(grid: Grid, points: np.ndarray, normals: np.ndarray | None) -> Sample
     if not whole.all():
         order = order[np.repeat(whole, counts)]
         corners, counts, firsts = corners[whole], counts[whole], firsts[whole]
-    local = (scaled[order] - voxels[order]).astype(np.float32)
+    check()
+    local = scaled[order]
+    check()
+    local = (local - voxels[order]).astype(np.float32)
+    check()
     slabs = np.searchsorted(keys[firsts], np.arange(grid.side) * resolution**2)
     picked = np.zeros_like(local) if normals is None else normals[order]
     return Samples(

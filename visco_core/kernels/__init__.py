@@ -27,11 +27,12 @@ ROW, FREE = 1, 2
 
 @dataclass(frozen=True)
 class Backend:
-    """A package of kernels and the device that its arrays live on."""
+    """A package of kernels, the device that its arrays live on, and the CPU threads it may use."""
 
     name: Literal["numba", "reference"]
     device: str
     kernels: ModuleType
+    threads: int
 
     def array(self, values: np.ndarray) -> Array:
         """``values`` on the backend's device, copied only where it must be."""
@@ -71,13 +72,9 @@ def choose_backend(name: str = "auto", device: str = "auto", threads: int | None
     if device == "cuda" and name == "numba":
         raise InputError("invalid_option", "The numba backend runs on the CPU; use device cpu.")
     if device in ("auto", "cuda") and name != "numba" and _has_cuda(required=device == "cuda"):
-        return Backend("reference", "cuda", importlib.import_module("visco_core.kernels.reference"))
+        return _reference("cuda", threads)
     if name == "reference":
-        import torch
-
-        if threads is not None:
-            torch.set_num_threads(threads)
-        return Backend("reference", "cpu", importlib.import_module("visco_core.kernels.reference"))
+        return _reference("cpu", threads)
     # GNU OpenMP's threads spin at every barrier: where other processes want the same cores a solve
     # took 15 to 20 times as long. Waiting passively costs little where they do not.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
@@ -85,10 +82,20 @@ def choose_backend(name: str = "auto", device: str = "auto", threads: int | None
 
     config = vars(importlib.import_module("numba.core.config"))
     available = config["NUMBA_NUM_THREADS"]
-    numba.set_num_threads(min(threads or available, available))
+    used = min(threads or available, available)
+    numba.set_num_threads(used)
     kernels = importlib.import_module("visco_core.kernels.numba_cpu")
     discard_stale(kernels)
-    return Backend("numba", "cpu", kernels)
+    return Backend("numba", "cpu", kernels, used)
+
+
+def _reference(device: str, threads: int | None) -> Backend:
+    import torch
+
+    if threads is not None:
+        torch.set_num_threads(threads)
+    kernels = importlib.import_module("visco_core.kernels.reference")
+    return Backend("reference", device, kernels, torch.get_num_threads())
 
 
 def _has_cuda(required: bool) -> bool:

@@ -68,6 +68,7 @@ def minimise(
     Takes at least one step; ends when the solver is done or the pace is late.
     """
     state = solver.init(energy, values)
+    pace.check()
     while True:
         state = solver.step(energy, state, pace)
         report(state)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from kernel_inputs import CORNERS
 
-from visco_core.grid.samples import locate
+from visco_core.grid.samples import CELLS, locate, spatial_order
 from visco_core.grid.topology import Grid, dense_grid, refine, voxel_corners
 from visco_core.kernels import FREE, ROW, Backend
 
@@ -168,6 +168,14 @@ def test_voxels_that_hold_points_are_listed_by_slab(backend: Backend) -> None:
     counts = np.bincount(slab, minlength=grid.side)
     np.testing.assert_array_equal(np.diff(backend.numpy(samples.slabs)), counts)
     assert not backend.numpy(samples.normals).any()
+
+
+def test_points_of_one_cell_lie_together_in_spatial_order() -> None:
+    points = scattered_points() % 1
+    order = spatial_order(points)
+    np.testing.assert_array_equal(np.sort(order), np.arange(len(points)))
+    i, j, k = (points[order] * CELLS).astype(int).T
+    assert (np.diff((i * CELLS + j) * CELLS + k) >= 0).all()
 
 
 def test_points_off_the_band_are_left_out_but_still_count(backend: Backend) -> None:

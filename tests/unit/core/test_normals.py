@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.spatial import KDTree
 
 from visco_core.gallery import sphere, torus, two_bodies, uniform_scan
 from visco_core.gallery.scanner import rotation
-from visco_core.normals import estimate_normals
+from visco_core.normals import _spanning_tree, estimate_normals
+from visco_core.progress import never
 
 
 def degrees_off(found: np.ndarray, exact: np.ndarray) -> np.ndarray:
@@ -55,6 +59,21 @@ def test_a_plane_has_one_side() -> None:
 def test_four_points_of_a_tetrahedron_suffice() -> None:
     found = estimate_normals(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]))
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-6)
+
+
+def test_signs_are_carried_along_the_neighbour_graphs_minimum_spanning_tree() -> None:
+    points = uniform_scan(torus(), 2000).points
+    nearest = KDTree(points).query(points, 9)[1]
+    directions = np.random.default_rng(0).standard_normal(points.shape)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    tree, group = _spanning_tree(directions, nearest, never)
+    cost = 1.0001 - np.abs(np.einsum("pi,pki->pk", directions, directions[nearest[:, 1:]]))
+    source = np.repeat(np.arange(2000), 8)
+    graph = csr_matrix((cost.ravel(), (source, nearest[:, 1:].ravel())), shape=(2000, 2000))
+    expected = minimum_spanning_tree(graph)
+    assert tree.nnz == 2 * expected.nnz
+    assert tree.sum() == pytest.approx(2 * expected.sum())
+    assert len(np.unique(group)) == 2000 - expected.nnz
 
 
 def test_more_points_than_a_block_keep_their_order() -> None:

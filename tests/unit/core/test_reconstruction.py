@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.fft
+from scipy.spatial import KDTree
 
 from visco_core.config import Budget, LevelSchedule, LossWeights, ReconstructionConfig
 from visco_core.errors import InputError, ResourceError, Stopped
@@ -25,8 +27,8 @@ from visco_core.result import Mesh, Reconstruction
 QUICK = LevelSchedule(outer_steps=(2,), inner_steps=(12,))
 
 
-def config(resolution: int = 92, **fields: Any) -> ReconstructionConfig:
-    """By default two levels, 46 and 92, and few steps; on the CPU."""
+def config(resolution: int = 128, **fields: Any) -> ReconstructionConfig:
+    """By default two levels, 64 and 128, and few steps; on the CPU."""
     fields = {"schedule": QUICK, "device": "cpu", "threads": 2, **fields}
     return ReconstructionConfig(resolution=resolution, **fields)
 
@@ -274,15 +276,15 @@ def test_progress_goes_through_all_phases_and_never_falls(record: Record) -> Non
 
 def test_every_level_but_the_last_is_shown_once_as_a_mesh_in_scan_units(record: Record) -> None:
     ((mesh, resolution),) = record.levels
-    assert resolution == 46
+    assert resolution == 64
     assert_one_closed_body(mesh)
     radius = np.linalg.norm(mesh.vertices, axis=1)
-    assert np.abs(radius - 1).max() * 46 / record.result.report["frame"]["scale"] < 0.25
+    assert np.abs(radius - 1).max() * 64 / record.result.report["frame"]["scale"] < 0.25
 
 
 def test_the_report_is_json_and_says_what_was_done(record: Record) -> None:
     report = json.loads(json.dumps(record.result.report))
-    assert report["settings"]["resolution"] == 92
+    assert report["settings"]["resolution"] == 128
     assert report["settings"]["schedule"]["outer_steps"] == [2]
     assert report["settings"]["weights"].keys() >= {"point", "normal", "viscosity", "coarea"}
     assert report["outcome"]["code"] == record.result.outcome.code == "complete"
@@ -337,6 +339,49 @@ def test_a_stop_request_ends_the_run_at_once(call: int, ball: PointCloud) -> Non
     with pytest.raises(Stopped):
         reconstruct(ball, config(), should_stop=should_stop)
     assert len(calls) == call
+
+
+def test_a_stop_is_asked_for_again_and_again_within_every_phase(ball: PointCloud) -> None:
+    asked: dict[str, int] = {}
+    phase = "begin"
+
+    def told(progress: Progress) -> None:
+        nonlocal phase
+        phase = progress.phase
+
+    def should_stop() -> bool:
+        asked[phase] = asked.get(phase, 0) + 1
+        return False
+
+    cloud = PointCloud(ball.points, colors=np.zeros(ball.points.shape, np.uint8))
+    options = config(normals="estimate", trim=1.0)
+    reconstruct(cloud, options, on_progress=told, should_stop=should_stop)
+    least = {"prepare": 6, "normals": 8, "noise": 4, "start": 7, "solve": 20, "extract": 6}
+    assert {name: asked[name] for name in least if asked[name] < least[name]} == {}
+
+
+def test_no_more_threads_are_used_than_asked_for(
+    ball: PointCloud, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used: list[int] = []
+
+    def spied(function: Callable[..., Any]) -> Callable[..., Any]:
+        def spy(*arguments: Any, **options: Any) -> Any:
+            used.append(options["workers"])
+            return function(*arguments, **options)
+
+        return spy
+
+    for module, name in ((scipy.fft, "rfftn"), (scipy.fft, "irfftn"), (KDTree, "query")):
+        monkeypatch.setattr(module, name, spied(getattr(module, name)))
+    colors = np.zeros(ball.points.shape, np.uint8)
+    some = ball.normals.copy()
+    some[:5] = 0
+    for normals in (None, some):
+        cloud = PointCloud(ball.points, normals, colors)
+        reconstruct(cloud, config(64, threads=1, trim=1.0))
+    assert len(used) > 10
+    assert set(used) == {1}
 
 
 def test_a_scan_of_any_size_fills_the_same_share_of_the_cube() -> None:

@@ -36,7 +36,7 @@ before = signatures()
 called = {name for name, _ in before}
 print(sorted((kernels.keys() & set(backend.kernels.__all__)) - called))
 cloud = uniform_scan(sphere(), 2000)
-short = {"resolution": 92, "outer_steps": [1], "inner_steps": [2], "iterations": 1, "epochs": [1]}
+short = {"resolution": 128, "outer_steps": [1], "inner_steps": [2], "iterations": 1, "epochs": [1]}
 for options in ({}, {"normals": "estimate"}, {"profile": "paper"}, {"lambda_c": 1e-6}):
     config = ReconstructionConfig.from_options({**short, **options}, backend="numba")
     reconstruct(PointCloud(cloud.points * 3 + 1, cloud.normals), config)
@@ -83,7 +83,7 @@ def _fresh() -> Backend:
     _forget()
     kernels = importlib.import_module("kernels_of_one")
     discard_stale(kernels)
-    return Backend("numba", "cpu", kernels)
+    return Backend("numba", "cpu", kernels, 1)
 
 
 def test_kernels_are_warm_once_compiled_and_until_any_of_their_sources_changes(
