@@ -12,9 +12,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.concurrency import run_in_threadpool
 
 from service.errors import ServiceError
-from service.uploads.inspection import inspect_head
 from service.uploads.received import ReceivedFile, Receiver
-from visco_core.io import HEAD_BYTES
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
@@ -33,17 +31,11 @@ class SubmissionForm:
 
 
 class SubmissionReader:
-    """Parses one multipart body. ``open_file`` makes the receiver of a file's bytes.
+    """Parses one multipart body. ``open_file`` makes the receiver of a file's bytes."""
 
-    A file whose first bytes already show that it is no scan is refused there, not at its end.
-    """
-
-    def __init__(
-        self, request: Request, open_file: Callable[[str], Receiver], max_points: int
-    ) -> None:
+    def __init__(self, request: Request, open_file: Callable[[str], Receiver]) -> None:
         self.request = request
         self.open_file = open_file
-        self.max_points = max_points
         self.form = SubmissionForm()
         self._receiver: Receiver | None = None
         self._header = b""
@@ -53,7 +45,6 @@ class SubmissionReader:
         self._text = bytearray()
         self._pending = bytearray()
         self._in_file = False
-        self._inspected = False
         self._ended = False
 
     async def read(self) -> SubmissionForm:
@@ -148,20 +139,5 @@ class SubmissionReader:
     def _flush(self) -> None:
         if self._receiver is None or not self._pending:
             return
-        if not self._inspected:
-            self._inspected = True
-            self._inspect_head(self._receiver)
         self._receiver.write(bytes(self._pending))
         self._pending.clear()
-
-    def _inspect_head(self, receiver: Receiver) -> None:
-        if len(self._pending) < HEAD_BYTES:
-            return  # the file is small and whole: it is inspected when it has arrived
-        declared = self.request.headers.get("content-length", "")
-        most = receiver.most_bytes
-        if declared.isdigit():
-            most = min(int(declared), most)
-        head = bytes(self._pending[:HEAD_BYTES])
-        seen = inspect_head(head, max(most, len(head)), receiver.name, self.max_points)
-        if seen.refusal is not None:
-            raise seen.refusal

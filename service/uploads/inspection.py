@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from service.errors import ServiceError
+from service.settings import Settings
+from service.uploads.received import too_large
 from visco_core.errors import InputError
 
 _TOO_MANY = "too_many_points"
@@ -24,16 +27,34 @@ def inspect_file(path: Path, max_points: int) -> Inspection:
     return _inspect(path, None, path.name, max_points)
 
 
-def inspect_head(head: bytes, size: int, name: str, max_points: int) -> Inspection:
-    """The same for the first bytes of a file that will have at most ``size`` of them."""
-    return _inspect(head, size, name, max_points)
+@dataclass(frozen=True)
+class Length:
+    """What is known of a file's length before it has arrived; nothing, if ``size`` is None."""
+
+    size: int | None = None
+    exact: bool = False
 
 
-def _inspect(source: Path | bytes, size: int | None, name: str, max_points: int) -> Inspection:
+def check_head(head: bytes, length: Length, name: str, settings: Settings) -> None:
+    """Refuse a file by its first bytes. Raises ServiceError (``not_a_point_cloud``, …)."""
+    most = settings.max_upload_bytes
+    size = most if length.size is None else length.size
+    refusal = _inspect(head, size, name, settings.max_points, length.exact).refusal
+    if refusal is None:
+        return
+    if length.size is None and not _inspect(head, sys.maxsize, name, settings.max_points).refusal:
+        # The header promises more than is ever taken; the file may well keep its promise.
+        raise too_large(most)
+    raise refusal
+
+
+def _inspect(
+    source: Path | bytes, size: int | None, name: str, max_points: int, exact: bool = False
+) -> Inspection:
     from visco_core.io import sniff_points
 
     try:
-        header = sniff_points(source, size, name=name, max_points=max_points)
+        header = sniff_points(source, size, exact=exact, name=name, max_points=max_points)
     except InputError as error:
         code = _TOO_MANY if error.code == _TOO_MANY else "not_a_point_cloud"
         return Inspection(None, ServiceError(code, error.detail))

@@ -7,10 +7,12 @@ import errno
 import hashlib
 import re
 import uuid
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from service.errors import ServiceError
+from visco_core.io import HEAD_BYTES
 
 _UNWANTED = re.compile(r"[\x00-\x1f\x7f/\\]+")
 
@@ -29,11 +31,23 @@ class ReceivedFile:
 
 
 class Receiver:
-    """Writes chunks to a temporary file. Use as a context manager: what is not kept is removed."""
+    """Writes chunks to a temporary file. Use as a context manager: what is not kept is removed.
 
-    def __init__(self, folder: Path, name: str, most_bytes: int) -> None:
+    ``judge`` is shown the first bytes of a file that has more of them, and raises ServiceError for
+    one that need not be received to its end.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        most_bytes: int,
+        judge: Callable[[bytes], None] | None = None,
+    ) -> None:
         self.name = name
         self.most_bytes = most_bytes
+        self._judge = judge
+        self._head = bytearray()
         self.size = 0
         self.hashes = {"sha256": hashlib.sha256(), "sha1": hashlib.sha1(usedforsecurity=False)}
         # Some formats are known by the ending of the name alone.
@@ -42,13 +56,11 @@ class Receiver:
         self._kept = False
 
     def write(self, chunk: bytes) -> None:
-        """Raises ServiceError (``too_large``, ``storage_full``)."""
+        """Raises ServiceError (``too_large``, ``storage_full``, and what the judge says)."""
         self.size += len(chunk)
         if self.size > self.most_bytes:
-            raise ServiceError(
-                "too_large",
-                f"Send at most {self.most_bytes:,} bytes; thin or crop the scan.",
-            )
+            raise too_large(self.most_bytes)
+        self._show(chunk)
         for digest in self.hashes.values():
             digest.update(chunk)
         try:
@@ -57,6 +69,15 @@ class Receiver:
             if error.errno in (errno.ENOSPC, errno.EDQUOT):
                 raise storage_full() from error
             raise
+
+    def _show(self, chunk: bytes) -> None:
+        if self._judge is None:
+            return
+        self._head += chunk[: HEAD_BYTES - len(self._head)]
+        if self.size > HEAD_BYTES:
+            self._judge(bytes(self._head))
+            self._judge = None
+            self._head.clear()
 
     def keep(self) -> ReceivedFile:
         """The finished file, which is now the caller's to store or discard."""
@@ -72,6 +93,12 @@ class Receiver:
             self._file.close()
         if not self._kept:
             self.path.unlink(missing_ok=True)
+
+
+def too_large(most_bytes: int) -> ServiceError:
+    return ServiceError(
+        "too_large", f"Send at most {most_bytes:,} bytes; thin the scan out or crop it."
+    )
 
 
 def storage_full() -> ServiceError:

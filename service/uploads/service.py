@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import uuid
 from datetime import datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 from sqlalchemy import delete, select
@@ -16,9 +17,15 @@ from service.errors import ServiceError
 from service.quotas import check_stored, hold_owner
 from service.settings import Settings
 from service.storage import Storage, StorageFull
-from service.uploads.inspection import Inspection, inspect_file
+from service.uploads.inspection import Inspection, Length, check_head, inspect_file
 from service.uploads.model import Upload, UploadPart
-from service.uploads.received import ReceivedFile, Receiver, clean_name, storage_full
+from service.uploads.received import (
+    ReceivedFile,
+    Receiver,
+    clean_name,
+    storage_full,
+    too_large,
+)
 
 
 class UploadService:
@@ -34,15 +41,24 @@ class UploadService:
         self.folder = settings.data_dir / "tmp"
         self.folder.mkdir(parents=True, exist_ok=True)
 
-    def receiver(self, name: str, most_bytes: int | None = None) -> Receiver:
-        limit = self.settings.max_upload_bytes if most_bytes is None else most_bytes
-        return Receiver(self.folder, clean_name(name), limit)
+    def receive_scan(self, name: str, length: Length) -> Receiver:
+        """Takes a whole scan in."""
+        name = clean_name(name)
+        judge = partial(check_head, length=length, name=name, settings=self.settings)
+        return Receiver(self.folder, name, self.settings.max_upload_bytes, judge)
+
+    def receive_piece(self, upload: Upload, offset: int) -> Receiver:
+        """Takes a part of an upload in; the first one shows what it is of."""
+        length = Length(upload.size, exact=True)
+        judge = partial(check_head, length=length, name=upload.name, settings=self.settings)
+        left = upload.size - offset
+        return Receiver(self.folder, upload.name, left, None if offset else judge)
 
     def check_room(self, principal: Principal, size: int) -> None:
         """Raises ServiceError (``too_large``, ``storage_full``, ``quota_storage``)."""
         most = self.settings.max_upload_bytes
         if size > most:
-            raise ServiceError("too_large", f"Send at most {most:,} bytes; thin the scan out.")
+            raise too_large(most)
         free = self.storage.free_bytes()
         if free is not None and free < size:
             raise storage_full()

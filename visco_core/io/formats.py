@@ -62,19 +62,20 @@ def sniff_points(
     source: str | Path | bytes,
     size: int | None = None,
     *,
+    exact: bool = True,
     name: str = "",
     max_points: int | None = None,
 ) -> PointHeader:
     """What a file says about itself, checked against its length; reads no point.
 
     source: a path, or the file's first bytes (all, or at least ``HEAD_BYTES``); size: the whole
-    file's length in bytes, needed with bytes; name: the file's name, for formats that have no mark
-    of their own. Cheap enough for a web service: imports neither torch nor any format's library.
+    file's length in bytes, needed with bytes; exact: whether it is that, or only a bound above it;
+    name: the file's name, for formats that have no mark of their own. Cheap enough for a web service: imports neither torch nor any format's library.
     Raises InputError as ``read_points`` does.
     """
     if isinstance(source, bytes):
         total = len(source) if size is None else size
-        given = Source(source[:HEAD_BYTES], total, name)
+        given = Source(source[:HEAD_BYTES], total, name, exact=exact)
     else:
         given = Source.of_file(source)
     header = _reader(given).sniff(given)

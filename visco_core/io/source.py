@@ -33,13 +33,14 @@ class Source:
     """A file, or only its beginning and its length.
 
     ``head`` holds the first bytes, up to ``HEAD_BYTES``; ``path`` is None where there is no file
-    yet, as in an upload.
+    yet, as in an upload. The length may be smaller than ``size`` where that is not ``exact``.
     """
 
     head: bytes
     size: int
     name: str = ""
     path: Path | None = None
+    exact: bool = True
 
     @classmethod
     def of_file(cls, path: str | Path) -> Source:

@@ -23,7 +23,9 @@ _END = re.compile(rb"(^|\n)\s*endsolid\b[^\n]*\s*\Z", re.IGNORECASE)
 
 def is_stl(source: Source) -> bool:
     """Text by its first words, binary by its length: there is no other mark."""
-    return _is_text(source) or _promised_bytes(source) == source.size
+    promised = _promised_bytes(source)
+    fits = promised == source.size if source.exact else promised <= source.size
+    return _is_text(source) or fits
 
 
 def sniff(source: Source) -> PointHeader:
@@ -32,7 +34,7 @@ def sniff(source: Source) -> PointHeader:
         return PointHeader("stl", "ascii", None, has_normals=True)
     promised = _promised_bytes(source)
     require_bytes(promised, source.size, "triangles")
-    if source.size - promised >= _TRIANGLE.itemsize:
+    if source.exact and source.size - promised >= _TRIANGLE.itemsize:
         raise InputError(
             "excess_data",
             f"{source.size - promised:,} bytes follow after the triangles that the header "

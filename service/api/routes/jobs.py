@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Header, Query, Request, Response
@@ -18,11 +19,13 @@ from service.jobs.params import JobParams, parse_params
 from service.jobs.queries import JobFilter
 from service.jobs.state import Status
 from service.jobs.submission import Accepted, Submission
+from service.uploads.inspection import Length
 from service.uploads.received import ReceivedFile
 from service.webhooks.target import check_callback
 
 router = APIRouter(prefix="/jobs", tags=["jobs"])
 
+_MORE_BYTES = 1 << 19
 JobId = Annotated[str, "The id of a job."]
 IdempotencyKey = Annotated[
     str | None,
@@ -91,10 +94,12 @@ async def submit_job(
     declared = request.headers.get("content-length", "")
     if idempotency_key is None:
         await run_in_threadpool(parts.intake.check_quota, principal)
-    size = max(0, int(declared) - (1 << 19)) if declared.isdigit() else 0
-    await run_in_threadpool(parts.uploads.check_room, principal, size)
-    reader = SubmissionReader(request, parts.uploads.receiver, parts.settings.max_points)
-    form = await reader.read()
+    # The body is as large as the file and a little more.
+    length = Length(int(declared)) if declared.isdigit() else Length()
+    least = max(0, (length.size or 0) - _MORE_BYTES)
+    await run_in_threadpool(parts.uploads.check_room, principal, least)
+    open_file = partial(parts.uploads.receive_scan, length=length)
+    form = await SubmissionReader(request, open_file).read()
     accepted = await run_in_threadpool(_accept, parts, principal, form, idempotency_key)
     return await run_in_threadpool(_answer, parts, principal, accepted, response)
 

@@ -118,6 +118,8 @@ def get_upload(
         "offset_mismatch",
         "tus_version",
         "too_large",
+        "too_many_points",
+        "not_a_point_cloud",
         "unsupported_media_type",
         "checksum_mismatch",
         "storage_full",
@@ -151,7 +153,7 @@ async def append_upload(
     check_offset(upload, offset)
     if upload.is_complete:
         return Response(status_code=204, headers=_state(upload))
-    with parts.uploads.receiver(upload.name, upload.size - offset) as receiver:
+    with parts.uploads.receive_piece(upload, offset) as receiver:
         whole = await _receive(request, receiver)
         if expected is not None and not (whole and _verified(receiver, expected)):
             raise ServiceError("checksum_mismatch", "Send these bytes again from the same offset.")
@@ -178,6 +180,7 @@ def delete_upload(
 async def _receive(request: Request, receiver: Receiver) -> bool:
     """Write what comes; False when the connection was cut before the end."""
     pending = bytearray()
+    whole = True
     try:
         async for chunk in request.stream():
             pending += chunk
@@ -185,10 +188,9 @@ async def _receive(request: Request, receiver: Receiver) -> bool:
                 await run_in_threadpool(receiver.write, bytes(pending))
                 pending.clear()
     except ClientDisconnect:
-        return False
-    finally:
-        await run_in_threadpool(receiver.write, bytes(pending))
-    return True
+        whole = False
+    await run_in_threadpool(receiver.write, bytes(pending))
+    return whole
 
 
 def _check_version(given: str | None) -> None:

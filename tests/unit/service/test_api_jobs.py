@@ -8,10 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
 from servicekit import make_settings, read_events, running_api, sphere_scan, submit
 
 from service.settings import Settings
+from visco_core.io import HEAD_BYTES
 
 
 def test_a_submitted_job_is_where_location_says(api: httpx.Client) -> None:
@@ -141,6 +143,42 @@ def test_a_large_file_that_is_no_scan_is_refused_before_it_has_arrived(
         connection.sendall(head.encode() + part + b"\x89PNG\r\n\x1a\n" + bytes(2 << 20))
         answer = connection.recv(1 << 16)
     assert answer.startswith(b"HTTP/1.1 415")
+
+
+def binary_stl(triangles: int) -> bytes:
+    """A binary STL: its length is all that shows what it is."""
+    corners = np.random.default_rng(0).normal(size=(triangles, 3, 3)).astype("<f4")
+    rows = np.zeros(
+        triangles, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("", "<u2")])
+    )
+    rows["corners"] = corners
+    return bytes(80) + np.uint32(triangles).tobytes() + rows.tobytes()
+
+
+@pytest.mark.parametrize("name", ["part.stl", "part"])
+@pytest.mark.parametrize("chunked", [False, True])
+def test_a_large_file_is_not_judged_by_the_length_of_the_body_around_it(
+    api: httpx.Client, name: str, chunked: bool
+) -> None:
+    content = binary_stl(2 * HEAD_BYTES // 50)
+    files = {"file": (name, content), "params": (None, '{"label": "after the file"}')}
+    whole = httpx.Request("POST", "http://x/v1/jobs", files=files)
+    body = iter([whole.read()]) if chunked else whole.read()
+    headers = {"Content-Type": whole.headers["Content-Type"]}
+    taken = api.post("/v1/jobs", content=body, headers=headers)
+    assert taken.status_code == 202, taken.text
+
+
+@pytest.mark.parametrize("chunked", [False, True])
+def test_a_sound_scan_that_is_too_large_is_not_called_truncated(
+    tmp_path: Path, chunked: bool
+) -> None:
+    whole = httpx.Request("POST", "http://x/v1/jobs", files={"file": ("s.ply", sphere_scan(9000))})
+    body = iter([whole.read()]) if chunked else whole.read()
+    headers = {"Content-Type": whole.headers["Content-Type"]}
+    with running_api(make_settings(tmp_path, max_upload_bytes=HEAD_BYTES + 5000)) as client:
+        refused = client.post("/v1/jobs", content=body, headers=headers)
+    assert (refused.status_code, refused.json()["code"]) == (413, "too_large")
 
 
 @pytest.fixture

@@ -18,6 +18,7 @@ from service.jobs.sweeper import Sweeper
 from service.settings import Settings
 from service.storage import open_storage
 from service.uploads.model import Upload
+from visco_core.io import HEAD_BYTES
 
 SCAN = sphere_scan(300)
 PIECE = {"Content-Type": "application/offset+octet-stream", "Tus-Resumable": "1.0.0"}
@@ -102,6 +103,24 @@ def test_a_piece_with_a_wrong_checksum_is_refused_and_forgotten(api: httpx.Clien
 def test_more_bytes_than_promised_are_refused(api: httpx.Client) -> None:
     place = create(api, size=10)
     assert send(api, place, 0, b"x" * 11).json()["code"] == "too_large"
+
+
+def test_a_large_upload_that_is_no_scan_is_refused_with_its_first_piece(api: httpx.Client) -> None:
+    place = create(api, size=1 << 30)
+    refused = send(api, place, 0, b"\x89PNG\r\n\x1a\n" + bytes(1 << 20))
+    assert (refused.status_code, refused.json()["code"]) == (415, "not_a_point_cloud")
+    assert api.head(place).headers["Upload-Offset"] == "0"
+
+
+def test_a_large_upload_of_another_length_than_its_header_says_is_refused_early(
+    api: httpx.Client,
+) -> None:
+    scan = sphere_scan(6000)
+    assert len(scan) > HEAD_BYTES
+    header = scan.replace(b"vertex 6000", b"vertex 6000000")
+    refused = send(api, create(api, size=len(header)), 0, header[: HEAD_BYTES + 1])
+    assert (refused.status_code, refused.json()["code"]) == (415, "not_a_point_cloud")
+    assert send(api, create(api, len(scan)), 0, scan[: HEAD_BYTES + 1]).status_code == 204
 
 
 def test_a_complete_upload_that_is_no_scan_says_so_when_it_is_used(api: httpx.Client) -> None:

@@ -18,6 +18,7 @@ from service.jobs.queues import Bell
 from service.jobs.repository import JobRepository
 from service.settings import Settings
 from service.storage import Storage, open_storage
+from service.uploads.inspection import Length
 from service.uploads.service import UploadService
 from visco_core.config import ReconstructionConfig
 from visco_core.pointcloud import PointCloud
@@ -82,7 +83,7 @@ class Bench:
 
     def submit(self, **params: Any) -> Job:
         uploads = UploadService(self.database, self.storage, self.settings)
-        with uploads.receiver("scan.ply") as receiver:
+        with uploads.receive_scan("scan.ply", Length()) as receiver:
             receiver.write(sphere_scan())
             received = receiver.keep()
         upload = uploads.keep(LOCAL_USER, received, uploads.inspect(received))
