@@ -7,10 +7,7 @@ import stat
 from pathlib import Path
 
 from service.settings import Settings
-
-
-class UnsafeSocketFolder(Exception):
-    """The folder of the socket could be written by somebody else."""
+from visco_core.errors import InputError
 
 
 def broker_command(settings: Settings) -> list[str]:
@@ -31,15 +28,22 @@ def broker_command(settings: Settings) -> list[str]:
         *("--dir", str(folder)),
         *("--appendonly", "yes"),
         *("--save", ""),
+        # Its warnings are for operators of large ones, not for the terminal of `visco serve`.
         *("--loglevel", "warning"),
+        *("--logfile", str(folder / "valkey.log")),
         *("--daemonize", "no"),
     ]
 
 
 def _private_folder(folder: Path) -> None:
-    """The folder may lie in a shared /tmp, where another user could have made it first."""
+    """The folder may lie in a shared /tmp, where another user could have made it first.
+
+    Raises InputError (``unsafe_folder``).
+    """
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     state = folder.lstat()
     if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid():
-        raise UnsafeSocketFolder(f"{folder} belongs to somebody else; set VISCO_DATA_DIR.")
+        raise InputError(
+            "unsafe_folder", f"{folder} belongs to somebody else; choose another --data-dir."
+        )
     folder.chmod(0o700)

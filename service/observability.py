@@ -52,16 +52,6 @@ def configure_logging(settings: Settings) -> None:
             "formatters": {"line": as_json if settings.log_format == "json" else text},
             "handlers": {"stderr": {"class": "logging.StreamHandler", "formatter": "line"}},
             "root": {"handlers": ["stderr"], "level": settings.log_level.upper()},
-            "loggers": {
-                name: {"level": "WARNING"}
-                for name in (
-                    "uvicorn.access",
-                    "httpx",
-                    "httpcore",
-                    "alembic",
-                    "celery",
-                    "multiprocessing",
-                )
-            },
+            "loggers": {name: {"level": "WARNING"} for name in _CHATTY},
         }
     )

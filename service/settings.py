@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
 import tempfile
 from functools import cached_property
 from pathlib import Path
@@ -164,7 +165,7 @@ def _as_variable(value: object) -> str:
 def load_settings(**overrides: object) -> Settings:
     """Settings from the environment; ``overrides`` that are not None win.
 
-    Raises SystemExit with one sentence a bad field, so that a wrong setting stops start-up.
+    Raises SystemExit after a sentence for each bad field, so that a wrong setting stops start-up.
     """
     from pydantic import ValidationError
 
@@ -172,7 +173,8 @@ def load_settings(**overrides: object) -> Settings:
         return Settings(**{k: v for k, v in overrides.items() if v is not None})  # type: ignore[arg-type]
     except ValidationError as error:
         lines = [
-            f"VISCO_{'_'.join(map(str, item['loc'])).upper()}: {item['msg']}."
+            f"visco: VISCO_{'_'.join(map(str, item['loc'])).upper()}: {item['msg']}."
             for item in error.errors()
         ]
-        raise SystemExit("\n".join(lines)) from None
+        print("\n".join(lines), file=sys.stderr)
+        raise SystemExit(2) from None

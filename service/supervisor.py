@@ -10,6 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,9 +20,9 @@ from typing import IO
 import httpx
 
 from service.broker import broker_command
-from service.db import Database
-from service.db.migrate import migrate
+from service.db.migrate import open_database
 from service.settings import Settings
+from visco_core.errors import InputError
 
 log = logging.getLogger(__name__)
 _GRACE_SECONDS = 4.0
@@ -32,8 +33,11 @@ _BACKOFF_SECONDS = (0.2, 1.0, 3.0, 10.0)
 _STABLE_SECONDS = 60.0
 
 
-class CannotServe(Exception):
-    """The data folder or the port is taken; the message says what to do."""
+class CannotServe(InputError):
+    """The data folder or the port cannot be used; the message says what to do."""
+
+    def __init__(self, detail: str) -> None:
+        super().__init__("cannot_serve", detail)
 
 
 @dataclass
@@ -95,9 +99,11 @@ class Supervisor:
     """Starts everything, says when it is ready, and ends everything within five seconds."""
 
     def __init__(self, settings: Settings, workers: int | None, device: str) -> None:
+        """Raises CannotServe."""
         self.settings = settings = _with_port(settings)
+        _check_folder(settings.data_dir)
         variables = settings.environment()
-        python = [sys.executable, "-m", "service.cli"]
+        python = [sys.executable, "-m", "visco_core.cli"]
         self.broker = None
         if not settings.redis_url:
             self.broker = Child("broker", broker_command(settings))
@@ -124,9 +130,7 @@ class Supervisor:
             signal.signal(number, self._ask)
         with _only_one(self.settings.data_dir):
             _check_port(self.settings)
-            database = Database(self.settings.sqlalchemy_url)
-            migrate(database)
-            database.dispose()
+            open_database(self.settings.sqlalchemy_url).dispose()
             try:
                 for child in self.children:
                     child.start()
@@ -184,6 +188,17 @@ def _with_port(settings: Settings) -> Settings:
         return settings.model_copy(update={"port": probe.getsockname()[1]})
 
 
+def _check_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return
+    except OSError as error:
+        raise CannotServe(
+            f"{folder} cannot be written to ({error.strerror}); choose another with --data-dir."
+        ) from None
+
+
 def _check_port(settings: Settings) -> None:
     """Another program's answers on the port would look like those of the API."""
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
@@ -225,7 +240,6 @@ def _reachable(host: str) -> str:
 
 @contextlib.contextmanager
 def _only_one(folder: Path) -> Iterator[IO[str]]:
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     with (folder / "serve.lock").open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -19,8 +19,7 @@ import uvicorn
 
 from service.api.front_page import BUILD
 from service.broker import broker_command
-from service.db import Database, new_id, utc_now
-from service.db.migrate import migrate
+from service.db import Database, migrate, new_id, utc_now
 from service.jobs.model import Event, Job
 from service.jobs.repository import JobRepository
 from service.main import create_app
@@ -46,9 +45,7 @@ def free_port() -> int:
 
 
 def open_database(settings: Settings) -> Database:
-    database = Database(settings.sqlalchemy_url)
-    migrate(database)
-    return database
+    return migrate.open_database(settings.sqlalchemy_url)
 
 
 def sphere_scan(points: int = 200, scale: float = 1.0) -> bytes:
@@ -144,7 +141,7 @@ def running_process(
 @contextlib.contextmanager
 def running_broker(settings: Settings) -> Iterator[subprocess.Popen[bytes]]:
     """The embedded broker of these settings."""
-    command = [*broker_command(settings), "--loglevel", "notice"]
+    command = [*broker_command(settings), "--loglevel", "notice", "--logfile", ""]
     with running_process(command, b"eady to accept connections") as process:
         yield process
 

@@ -55,7 +55,7 @@ def running_worker(settings: Settings, client: httpx.Client) -> Iterator[Worker]
     """A worker that is ready to take jobs."""
     before = {worker["id"] for worker in client.get("/v1/info").json()["workers"]}
     process = subprocess.Popen(
-        [sys.executable, "-m", "service.cli", "worker", "--device", "cpu"],
+        [sys.executable, "-m", "visco_core.cli", "worker", "--device", "cpu"],
         env={**os.environ, **settings.environment()},
         start_new_session=True,
     )

@@ -57,7 +57,6 @@ def run_worker(settings: Settings, device_class: DeviceClass, queues: list[str])
         without_gossip=True,
         without_mingle=True,
         without_heartbeat=True,
-        loglevel=settings.log_level.upper(),
         quiet=True,
     )
     parent.start()

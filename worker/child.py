@@ -1,10 +1,15 @@
-"""Imported by Celery in parent and child; only a child hears these signals."""
+"""Imported by Celery in parent and child: what it is told when processes begin and end."""
 
 from __future__ import annotations
 
 import os
 
 from celery import signals
+
+
+@signals.setup_logging.connect
+def keep_logging(**_: object) -> None:
+    """A receiver is all it takes to leave the logging as it has been set up."""
 
 
 @signals.worker_process_init.connect

@@ -71,8 +71,11 @@ class Journal:
             JobRepository(unit.session).note(self.job_id, self.attempt, type, data)
             unit.after_commit(self._ring)
 
-    def store(self, path: Path, name: str) -> Artifact:
-        """Move a file into the storage as the artifact ``name``; the key is this attempt's own."""
+    def store(self, path: Path, name: str, event: str = "artifact", **told: Any) -> None:
+        """Move a file into the storage as the artifact ``name``, and tell of it by an event.
+
+        The key is this attempt's own.
+        """
         key = f"artifacts/{self.job_id}/{self.attempt}/{name}"
         artifact = Artifact(
             job_id=self.job_id,
@@ -88,13 +91,14 @@ class Journal:
             with self.database.transaction() as unit:
                 repository = JobRepository(unit.session)
                 replaced = repository.store_artifact(self.job_id, self.attempt, artifact)
+                repository.note(self.job_id, self.attempt, event, {"artifact": name, **told})
+                unit.after_commit(self._ring)
         except Exception:
             # Bytes that no row names would be found by nobody.
             self.storage.delete(key)
             raise
         if replaced is not None:
             self.storage.delete(replaced)
-        return artifact
 
     def log(self, line: str) -> None:
         moment = datetime.now(UTC).isoformat(timespec="milliseconds")

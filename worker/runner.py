@@ -268,19 +268,16 @@ class _LevelWriter:
             return
         path = self.attempt.folder / "scan.glb"
         self.attempt.runner.solver.write_points(cloud.select(chosen), path, self.up_axis)
-        artifact = self.attempt.journal.store(path, path.name)
-        self.attempt.journal.note("scan", {"artifact": artifact.name, "points": len(chosen)})
+        self.attempt.journal.store(path, path.name, "scan", points=len(chosen))
 
     def _write(self, mesh: Mesh, resolution: int) -> None:
         path = self.attempt.folder / f"level-{resolution}.glb"
         self.attempt.runner.solver.write(mesh, path, self.up_axis, None)
-        artifact = self.attempt.journal.store(path, path.name)
-        self.attempt.journal.note(
+        self.attempt.journal.store(
+            path,
+            path.name,
             "level",
-            {
-                "resolution": resolution,
-                "artifact": artifact.name,
-                "vertices": len(mesh.vertices),
-                "faces": len(mesh.faces),
-            },
+            resolution=resolution,
+            vertices=len(mesh.vertices),
+            faces=len(mesh.faces),
         )

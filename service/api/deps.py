@@ -48,7 +48,8 @@ async def caller(
         if secret is None:
             raise ServiceError(
                 "unauthenticated",
-                "Send an API key as 'Authorization: Bearer …'; `visco keys create` makes one.",
+                "Send an API key as 'Authorization: Bearer …' (commands: --key or VISCO_KEY); "
+                "`visco keys create` makes one.",
                 headers={"WWW-Authenticate": "Bearer"},
             )
         principal = await run_in_threadpool(parts.keys.check, secret)

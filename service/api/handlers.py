@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -11,6 +12,7 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
 from service.errors import FieldError, ServiceError
+from service.jobs.params import refuse_params
 from service.observability import request_id
 from service.openapi import allowed_methods
 
@@ -42,6 +44,9 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def invalid(_request: Request, error: RequestValidationError) -> JSONResponse:
+        if all(item["loc"][0] == "body" for item in error.errors()):
+            # The one body that is not read by its route is that of a retry: its params.
+            return problem_response(refuse_params(_in_params(error.errors())))
         errors = [_field_error(item) for item in error.errors()]
         first = errors[0]
         return problem_response(
@@ -51,6 +56,8 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(HTTPException)
     async def http_error(request: Request, error: HTTPException) -> JSONResponse:
         code, detail = _BY_STATUS.get(error.status_code, ("internal_error", str(error.detail)))
+        if error.status_code == 404:
+            detail = f"There is nothing at {request.url.path[:200]}; {detail}"
         headers = dict(error.headers or {})
         if error.status_code == 405:
             headers["Allow"] = allowed_methods(app, request.url.path) or headers.get("Allow", "")
@@ -62,6 +69,13 @@ def install(app: FastAPI) -> None:
         return problem_response(
             ServiceError("internal_error", "Try again; if it stays, report the request id.")
         )
+
+
+def _in_params(items: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    for item in items:
+        # Of a body that is no JSON the second entry is the character.
+        path = () if item["type"] == "json_invalid" else item["loc"][1:]
+        yield {**item, "loc": path}
 
 
 def _field_error(item: dict[str, Any]) -> FieldError:

@@ -8,7 +8,7 @@ from service.cli.common import add_service_arguments, with_client
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id")
+    parser.add_argument("id", help="the job's id, as `visco jobs` shows it")
     add_service_arguments(parser)
 
 

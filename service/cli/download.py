@@ -6,14 +6,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from service.cli.common import add_service_arguments, artifact_for, with_client
+from service.cli.common import add_service_arguments, artifact_for, check_writable, with_client
 
 if TYPE_CHECKING:
     from service.client import Client
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id")
+    parser.add_argument("id", help="the job's id, as `visco jobs` shows it")
     parser.add_argument(
         "-o",
         "--output",
@@ -26,14 +26,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    def action(client: Client) -> int:
-        output: Path = args.output
-        if output.is_dir():
-            names = [args.name] if args.name else list(client.get(args.id).artifacts)
-            for name in names:
-                print(client.download(args.id, name, output / name))
-            return 0
-        client.download(args.id, args.name or artifact_for(output), output)
-        return 0
+    output: Path = args.output
+    if output.is_dir():
+        return with_client(args, lambda client: _fill(client, args.id, args.name, output))
+    check_writable(output)
+    name = args.name or artifact_for(output)
+    return with_client(args, lambda client: _show(client.download(args.id, name, output)))
 
-    return with_client(args, action)
+
+def _fill(client: Client, job_id: str, name: str | None, folder: Path) -> int:
+    for each in [name] if name else client.get(job_id).artifacts:
+        _show(client.download(job_id, each, folder / each))
+    return 0
+
+
+def _show(written: Path) -> int:
+    print(written)
+    return 0

@@ -17,6 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--status",
         action="append",
         choices=("queued", "running", "succeeded", "failed", "cancelled"),
+        help="only these (repeatable)",
     )
     parser.add_argument("--label", help="exactly this label")
     parser.add_argument("--limit", type=int, default=20, help="how many, newest first (20)")

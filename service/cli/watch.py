@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import signal
-import sys
-import threading
+import time
 from pathlib import Path
 
-from service.cli.common import add_service_arguments, add_set_argument, parse_settings
+from service.cli.common import (
+    add_service_arguments,
+    add_set_argument,
+    parse_settings,
+    print_parameters,
+)
+from visco_core.errors import InputError
+
+log = logging.getLogger(__name__)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=Path, help="where scans appear")
     parser.add_argument("--interval", type=float, default=2.0, help="seconds between looks (2)")
     parser.add_argument(
         "--settle", type=float, default=2.0, help="seconds that a file must be unchanged (2)"
@@ -22,28 +30,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from service.client import Client
-    from service.client.watch import AlreadyWatched, FolderWatch
+    from service.client import Client, ClientError
+    from service.client.watch import FolderWatch
     from service.observability import configure_logging
     from service.settings import load_settings
 
+    if "help" in args.set:
+        print_parameters()
+        return 0
     if not args.folder.is_dir():
-        print(f"{args.folder} is not a folder; make it first.", file=sys.stderr)
-        return 2
+        raise InputError("no_folder", f"{args.folder} is not a folder; make it first.")
     configure_logging(load_settings())
-    ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     params = parse_settings(args.set)
     try:
         with (
             Client(args.url, args.key) as client,
             FolderWatch(args.folder, client, params, args.settle) as watch,
         ):
-            while not ended.is_set():
+            log.info("Watching %s for scans; Ctrl-C ends it", args.folder)
+            while True:
                 watch.look()
-                ended.wait(args.interval)
-    except AlreadyWatched as error:
-        print(error, file=sys.stderr)
-        return 2
-    return 0
+                time.sleep(args.interval)
+    except KeyboardInterrupt:
+        # What has been done is written down at every step: no moment is a wrong one.
+        return 0
+    except ClientError as error:
+        raise InputError("cannot_watch", str(error)) from error

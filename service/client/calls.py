@@ -143,7 +143,8 @@ def wait(job_id: str, on_progress: JobCallback | None, timeout: float | None) ->
         waited = time.monotonic() - begun
         if timeout is not None and waited >= timeout:
             raise WaitTimeout(f"The job is still {job.status} after {timeout:g} s.")
-        yield Pause(min(2.0, 0.1 + waited / 20))
+        # Asking costs at most a fiftieth of the time that the job takes.
+        yield Pause(min(2.0, 0.1 + waited / 50))
 
 
 def download(job_id: str, name: str, target: Path) -> Flow[Path]:

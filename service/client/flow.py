@@ -6,6 +6,7 @@ came is handed in as an exception, so that trying again is decided here, once fo
 
 from __future__ import annotations
 
+import logging
 import random
 import uuid
 from collections.abc import Generator, Mapping
@@ -15,11 +16,14 @@ from typing import Any, TypeVar
 
 import httpx
 
-from service.client.errors import ApiError, ServiceUnreachable
+from service.client.errors import ApiError, ClientError, ServiceUnreachable
 
+log = logging.getLogger(__name__)
 T = TypeVar("T")
 _TRIES = 7
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.25, 8.0
+# Whoever waits longer than this wants to know for what.
+_NOTICEABLE_PAUSE = 1.0
 _TRY_AGAIN = frozenset({429, 502, 503, 504})
 
 
@@ -62,7 +66,10 @@ def call(request: Send) -> Flow[httpx.Response]:
         retry = request.repeatable or _was_refused(reply)
         if tried == _TRIES or not (retry and may_pass(reply)):
             raise_for(reply)
-        yield Pause(pause_seconds(tried, reply))
+        pause = pause_seconds(tried, reply)
+        if pause >= _NOTICEABLE_PAUSE:
+            log.warning("%s Trying again in %.0f s.", _trouble(reply), pause)
+        yield Pause(pause)
     raise AssertionError
 
 
@@ -92,13 +99,24 @@ def pause_seconds(tried: int, reply: Reply) -> float:
 
 def raise_for(reply: Reply) -> None:
     """Raises what an answer, or none, means."""
+    trouble = _trouble(reply)
+    raise trouble from reply if isinstance(reply, Exception) else None
+
+
+def _trouble(reply: Reply) -> ClientError:
     if isinstance(reply, httpx.Response):
         try:
             problem = reply.json()
         except ValueError:
             problem = {}
-        raise ApiError(reply.status_code, problem if isinstance(problem, dict) else {})
-    raise ServiceUnreachable(f"The service does not answer: {reply}") from reply
+        return ApiError(reply.status_code, problem if isinstance(problem, dict) else {})
+    if reply is None:
+        return ServiceUnreachable("The service does not answer.")
+    url = reply.request.url
+    return ServiceUnreachable(
+        f"No service answers at {url.scheme}://{url.netloc.decode()} ({reply}); "
+        "check the address, or start one with `visco serve`."
+    )
 
 
 def new_key() -> str:

@@ -26,12 +26,12 @@ _KEY_SECONDS = 23 * 3600
 _LATER = frozenset({401, 403, 429, 500, 502, 503, 504, 507})
 
 
-class AlreadyWatched(Exception):
-    """Another process watches the folder."""
+class CannotWatch(ClientError):
+    """Another process watches the folder, or no scan could be submitted with these parameters."""
 
 
 class FolderWatch:
-    """Use as a context manager, and call ``look`` again and again.
+    """Use as a context manager, and call ``look`` again and again; both raise CannotWatch.
 
     A file that does not change for ``settle`` seconds is submitted once; its results, or
     ``NAME.error.txt``, appear beside it. Trouble with the service or one file is logged and never
@@ -56,7 +56,7 @@ class FolderWatch:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             self._lock.close()
-            raise AlreadyWatched(f"Another process watches {self.folder}.") from None
+            raise CannotWatch(f"Another process watches {self.folder}.") from None
         self.ledger = Ledger(self.folder / _LEDGER)
         return self
 
@@ -83,6 +83,8 @@ class FolderWatch:
         try:
             action()
         except ApiError as error:
+            if error.code == "invalid_params":
+                raise CannotWatch(str(error)) from error
             if error.status in _LATER:
                 log.warning("%s: %s It is tried again.", name, error)
             else:

@@ -9,11 +9,30 @@ from pathlib import Path
 
 from sqlalchemy import Connection, text
 from sqlalchemy.engine import make_url
+from sqlalchemy.exc import OperationalError
 
 from service.db.engine import Database
+from visco_core.errors import ResourceError
 
 _LOCK_NUMBER = 0x564953434F
 MIGRATIONS = Path(__file__).parent / "migrations"
+
+
+def open_database(url: str) -> Database:
+    """The database with the schema of this version.
+
+    Raises ResourceError (``database_unusable``).
+    """
+    try:
+        database = Database(url)
+        migrate(database)
+    except (OSError, OperationalError) as error:
+        reason = str(getattr(error, "orig", error)).strip().splitlines()[0]
+        raise ResourceError(
+            "database_unusable",
+            f"The database cannot be used ({reason}); check VISCO_DATABASE_URL and VISCO_DATA_DIR.",
+        ) from error
+    return database
 
 
 def migrate(database: Database) -> None:

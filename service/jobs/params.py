@@ -6,7 +6,7 @@ schema cannot disagree.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
@@ -118,7 +118,7 @@ def parse_params(text: str | bytes) -> dict[str, Any]:
     try:
         given = JobParams.model_validate_json(text).model_dump(exclude_unset=True)
     except ValidationError as error:
-        raise _refusal(_field_errors(error)) from None
+        raise refuse_params(error.errors(include_url=False)) from None
     return check_params(given)
 
 
@@ -151,11 +151,14 @@ def hard_limit_seconds(params: Mapping[str, Any], unbounded: float) -> float:
     return unbounded if budget is None else budget * 1.5 + 60
 
 
-def _field_errors(error: ValidationError) -> list[FieldError]:
-    return [
-        FieldError(".".join(["params", *map(str, item["loc"])]), _sentence(item))
-        for item in error.errors(include_url=False)
-    ]
+def refuse_params(items: Iterable[Mapping[str, Any]]) -> ServiceError:
+    """``invalid_params`` for pydantic's errors, whose places are counted from the params."""
+    return _refusal(
+        [
+            FieldError(".".join(["params", *map(str, item["loc"])]), _sentence(item))
+            for item in items
+        ]
+    )
 
 
 def _sentence(item: Mapping[str, Any]) -> str:

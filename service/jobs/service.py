@@ -123,5 +123,7 @@ def remove_job(session: Session, job: Job) -> list[str]:
 def _visible(session: Session, principal: Principal, job_id: str) -> Job:
     job = one_job(session, job_id, principal.visible_owner)
     if job is None:
-        raise ServiceError("job_not_found", "Check the id; finished jobs are deleted in time.")
+        raise ServiceError(
+            "job_not_found", "Check the id; a job is deleted some time after it has ended."
+        )
     return job

@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 from service.errors import FieldError, ServiceError
 
 _PATH = "params.callback_url"
+_ADVICE = "give an address that can be reached from the internet."
 
 
 class TargetRefused(Exception):
@@ -93,7 +94,7 @@ def _split(url: str) -> tuple[str, int, bool]:
 
 def _check_literal(host: str) -> None:
     if host == "localhost" or host.endswith((".localhost", ".local", ".internal")):
-        raise TargetRefused(f"{host} is not a public host.")
+        raise TargetRefused(f"{host} is not a public host; {_ADVICE}")
     try:
         ipaddress.ip_address(host)
     except ValueError:
@@ -106,4 +107,5 @@ def _check_public(address: str, host: str) -> None:
     mapped = getattr(parsed, "ipv4_mapped", None)
     parsed = mapped or parsed
     if not parsed.is_global or parsed.is_multicast:
-        raise TargetRefused(f"{host} is not a public host ({address}).")
+        named = host if host == address else f"{host} ({address})"
+        raise TargetRefused(f"{named} is not a public host; {_ADVICE}")

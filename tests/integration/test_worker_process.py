@@ -124,7 +124,7 @@ def test_a_killed_solve_runs_again_at_once_and_finally_fails(patient: Settings) 
                 os.kill(worker.child(), signal.SIGKILL)
             types = [event["event"] for event in read_events(client, job_id)]
             assert service.job(job_id)["error"]["code"] == "worker_lost"
-    assert [t for t in types if t not in ("progress", "level", "scan")] == [
+    assert [t for t in types if t not in ("progress", "level", "scan", "artifact")] == [
         "queued", "started", "requeued", "started", "requeued", "started", "failed",
     ]  # fmt: skip
 

@@ -9,8 +9,8 @@ import sys
 import time
 from pathlib import Path
 
-from visco_core.commands.values import byte_count, option_values
-from visco_core.config import ReconstructionConfig
+from visco_core.commands.values import byte_count, option_table, option_values
+from visco_core.config import ReconstructionConfig, describe_options
 from visco_core.errors import InputError
 
 
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     started_at = _process_start()
     if "help" in args.settings:
-        print(_option_help())
+        print(option_table(describe_options()))
         return 0
     config = _config(args)
     from visco_core.io import check_output, read_points, write_mesh
@@ -142,18 +142,3 @@ def _bar(quiet: bool):
     from visco_core.commands.progress_bar import ProgressBar
 
     return ProgressBar(enabled=not quiet and sys.stderr.isatty())
-
-
-def _option_help() -> str:
-    from visco_core.config import describe_options
-
-    lines = []
-    for option in describe_options():
-        bounds = ""
-        if option.minimum is not None or option.maximum is not None:
-            low = "" if option.minimum is None else f"{option.minimum:g}"
-            high = "" if option.maximum is None else f"{option.maximum:g}"
-            bounds = f" [{low}..{high}]"
-        default = "auto" if option.default is None else option.default
-        lines.append(f"{option.name:18} {default!s:8}{bounds} {option.unit}\n    {option.help}")
-    return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""Turns words of the command line into option values."""
+"""Turns words of the command line into option values, and lists the options there are."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
+from visco_core.config import OptionDescription
 from visco_core.errors import InputError
 
 _UNITS = {"": 1, "k": 2**10, "m": 2**20, "g": 2**30, "t": 2**40}
@@ -40,6 +41,20 @@ def _scalar(text: str) -> Any:
         return json.loads(text)
     except json.JSONDecodeError:
         return text
+
+
+def option_table(options: Iterable[OptionDescription]) -> str:
+    """Two lines an option: its name, default, range and unit, then its help."""
+    lines = []
+    for option in options:
+        bounds = ""
+        if option.minimum is not None or option.maximum is not None:
+            low = "" if option.minimum is None else f"{option.minimum:g}"
+            high = "" if option.maximum is None else f"{option.maximum:g}"
+            bounds = f" [{low}..{high}]"
+        default = "auto" if option.default is None else option.default
+        lines.append(f"{option.name:18} {default!s:8}{bounds} {option.unit}\n    {option.help}")
+    return "\n".join(lines)
 
 
 def byte_count(text: str) -> int:

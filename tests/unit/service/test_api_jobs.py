@@ -92,8 +92,24 @@ def test_a_retry_is_a_new_job_of_the_same_scan_with_changed_params(api: httpx.Cl
     assert again["id"] != job["id"]
     assert again["params"] == {"resolution": 128, "label": "a"}
     assert (again["retry_of"], again["scan"]) == (job["id"], job["scan"])
-    wrong = api.post(f"/v1/jobs/{job['id']}/retry", json={"resolution": 1})
-    assert wrong.status_code == 422
+
+
+@pytest.mark.parametrize(
+    ("params", "path"), [('{"resolution": 1}', "params.resolution"), ('{"no": 1}', "params.no")]
+)
+def test_a_retry_refuses_wrong_params_as_a_submission_does(
+    api: httpx.Client, params: str, path: str
+) -> None:
+    job = submit(api).json()
+    api.post(f"/v1/jobs/{job['id']}/cancel")
+    headers = {"Content-Type": "application/json"}
+    answers = [
+        api.post("/v1/jobs", files={"file": sphere_scan()}, data={"params": params}),
+        api.post(f"/v1/jobs/{job['id']}/retry", content=params, headers=headers),
+    ]
+    first, second = [answer.json() | {"request_id": ""} for answer in answers]
+    assert first == second
+    assert (first["code"], first["errors"][0]["path"]) == ("invalid_params", path)
 
 
 def test_delete_removes_the_bytes_once_no_job_needs_them(

@@ -13,6 +13,7 @@ from service.auth.service import KeyService
 from service.cli.api import refuse_open_door
 from service.db import Database
 from service.settings import Settings
+from visco_core.errors import InputError
 
 
 @pytest.fixture
@@ -96,12 +97,13 @@ def test_a_reading_key_changes_nothing(
 def test_the_service_refuses_to_open_its_door_without_keys(tmp_path: Path) -> None:
     settings = make_settings(tmp_path, host="0.0.0.0")
     assert settings.keys_needed
-    assert refuse_open_door(settings)
+    with pytest.raises(InputError, match="visco keys create"):
+        refuse_open_door(settings)
     database = open_database(settings)
     KeyService(database).create("k", "ann", ["read"])
     database.dispose()
-    assert not refuse_open_door(settings)
-    assert not refuse_open_door(make_settings(tmp_path))
+    refuse_open_door(settings)
+    refuse_open_door(make_settings(tmp_path))
 
 
 def test_a_page_of_another_site_cannot_use_a_service_without_keys(tmp_path: Path) -> None:

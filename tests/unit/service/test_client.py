@@ -14,7 +14,14 @@ import pytest
 from servicekit import sphere_scan
 
 import service.client as client_package
-from service.client import ApiError, AsyncClient, Client, JobUnsuccessful, ServiceUnreachable
+from service.client import (
+    ApiError,
+    AsyncClient,
+    Client,
+    ClientError,
+    JobUnsuccessful,
+    ServiceUnreachable,
+)
 from service.client import calls as client_calls
 from service.client import flow as client_flow
 from service.client.flow import pause_seconds
@@ -130,8 +137,24 @@ def test_the_asynchronous_client_does_the_same(api: httpx.Client, scan: Path) ->
 
 
 def test_a_service_that_is_not_there_is_told_after_some_tries() -> None:
-    with Client("http://127.0.0.1:9") as client, pytest.raises(ServiceUnreachable):
+    unreachable = pytest.raises(ServiceUnreachable, match=r"http://127.0.0.1:9 .* `visco serve`")
+    with Client("http://127.0.0.1:9") as client, unreachable:
         client.get("x")
+
+
+def test_a_long_pause_is_explained(caplog: pytest.LogCaptureFixture) -> None:
+    problem = {"code": "quota_queued", "detail": "Wait until some jobs have started."}
+    flow = client_flow.call(client_flow.Send("GET", "/"))
+    flow.send(None)
+    pause = flow.send(httpx.Response(429, headers={"Retry-After": "30"}, json=problem))
+    assert pause == client_flow.Pause(30.0)
+    assert caplog.messages == ["Wait until some jobs have started. Trying again in 30 s."]
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:8000", "ftp://example.org", "here"])
+def test_what_is_no_address_is_refused_at_once(address: str) -> None:
+    with pytest.raises(ClientError, match="begins with http"):
+        Client(address)
 
 
 def test_pauses_grow_and_obey_the_service(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -71,13 +71,13 @@ def test_the_service_starts_without_torch_and_without_the_worker() -> None:
 
 def test_a_wrong_setting_stops_the_start_with_a_sentence() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "service.cli", "api"],
+        [sys.executable, "-m", "visco_core.cli", "api"],
         env={"VISCO_PORT": "70000", "PATH": ""},
         capture_output=True,
         text=True,
     )
-    assert done.returncode == 1
-    assert done.stderr.startswith("VISCO_PORT: ")
+    assert done.returncode == 2
+    assert done.stderr.startswith("visco: VISCO_PORT: ")
     assert "Traceback" not in done.stderr
 
 

@@ -11,13 +11,13 @@ import httpx
 import pytest
 from servicekit import add_job, submit
 
-from service.cli.__main__ import main
 from service.db import Database, utc_now
 from service.jobs.model import IdempotencyKey, Job, WorkerRecord
 from service.jobs.sweeper import Sweeper
 from service.settings import Settings
 from service.storage import open_storage
 from service.webhooks.signature import shared_secret
+from visco_core.cli import main
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from servicekit import make_settings, running_api, sphere_scan
 
 from service.client import Client, Job
 from service.client.ledger import Ledger
-from service.client.watch import AlreadyWatched, FolderWatch
+from service.client.watch import CannotWatch, FolderWatch
 
 
 class Crash(BaseException):
@@ -152,6 +152,19 @@ def test_what_the_service_refuses_and_what_fails_is_reported_beside_the_scan(
     assert (folder / "thin.error.txt").read_text() == "too_few_points: Send more points.\n"
 
 
+def test_parameters_that_the_service_refuses_end_the_watch_and_fail_no_scan(
+    api: httpx.Client, client: Client, folder: Path
+) -> None:
+    (folder / "a.ply").write_bytes(sphere_scan())
+    refused = pytest.raises(CannotWatch, match=r"params\.resolution")
+    with FolderWatch(folder, client, {"resolution": 1}, settle=0) as watch, refused:
+        watch.look()
+    assert not list(folder.glob("*.error.txt"))
+    with FolderWatch(folder, client, {"resolution": 64}, settle=0) as watch:
+        watch.look()
+    assert job_names(api) == ["a.ply"]
+
+
 def test_two_scans_of_one_stem_keep_their_results_apart(
     client: Client, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -166,7 +179,7 @@ def test_two_scans_of_one_stem_keep_their_results_apart(
 
 def test_a_folder_is_watched_by_one_process(client: Client, folder: Path) -> None:
     first = FolderWatch(folder, client, {})
-    with first, pytest.raises(AlreadyWatched), FolderWatch(folder, client, {}):
+    with first, pytest.raises(CannotWatch), FolderWatch(folder, client, {}):
         pass
 
 

@@ -77,6 +77,8 @@ def test_events_tell_the_attempt_in_order_without_gap(bench: Bench, solver: Stan
     types = [event.type for event in events]
     assert (types[:2], types[-1]) == (["queued", "started"], "succeeded")
     assert types.count("level") == 2
+    told = [event.data["artifact"] for event in events if event.type == "artifact"]
+    assert told == ["mesh.glb", "mesh.ply", "preview.png", "report.json", "log.txt"]
     (first, second) = [event.data for event in events if event.data.get("phase") == "solve"]
     assert (first["level"], second["level"]) == (1, 2)
     assert first["losses"] == {"point": 1.0}
