@@ -209,6 +209,7 @@ def solve_levels(
     best = _solve_level(plan, 0, None, problem, backend)
     for level in range(1, len(plan.resolutions)):
         plan.foresee(backend.numpy(best.values), level - 1)
+        plan.expect(level - 1, 0.0)
         reason = plan.affordable(level)
         if reason:
             return best, _outcome(plan, best.grid.resolution, reason)

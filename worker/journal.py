@@ -30,13 +30,21 @@ class Journal:
     """The writing side of one attempt. Every method raises LeaseLost once the job is gone."""
 
     def __init__(
-        self, database: Database, storage: Storage, bell: Bell, job_id: str, attempt: int
+        self,
+        database: Database,
+        storage: Storage,
+        bell: Bell,
+        job_id: str,
+        attempt: int,
+        write_seconds: float = 0.0,
     ) -> None:
+        """``write_seconds``: how long writing the results will take, as far as is known."""
         self.database = database
         self.storage = storage
         self.bell = bell
         self.job_id = job_id
         self.attempt = attempt
+        self.write_seconds = write_seconds
         self.phases: dict[str, float] = {}
         self.lines: list[str] = []
         self._begun = time.monotonic()
@@ -59,11 +67,18 @@ class Journal:
             self.enter(progress.phase)
         if self._worth_storing(progress):
             self._last, self._stored_at = progress, time.monotonic()
-            record = {**_plain(progress), "attempt": self.attempt}
+            record = {**self._plain(progress), "attempt": self.attempt}
             with self.database.transaction() as unit:
                 repository = JobRepository(unit.session)
                 repository.progress(self.job_id, self.attempt, record)
                 unit.after_commit(self._ring)
+
+    def writing(self) -> None:
+        """The solver is done, and its results are being written."""
+        last = self._last
+        fraction = 0.0 if last is None else last.fraction
+        elapsed = time.monotonic() - self._begun
+        self.progress(Progress("write", fraction, elapsed, remaining_seconds=0.0))
 
     def note(self, type: str, data: Mapping[str, Any]) -> None:
         """Store an event of another kind."""
@@ -122,6 +137,15 @@ class Journal:
             JobRepository(unit.session).stop(self.job_id, self.attempt)
             unit.after_commit(self._ring)
 
+    def _plain(self, progress: Progress) -> dict[str, Any]:
+        """JSON has neither NaN nor infinity; a loss that is one of them is left out."""
+        record = dataclasses.asdict(progress)
+        remaining = progress.remaining_seconds
+        known = remaining is not None and math.isfinite(remaining)
+        record["remaining_seconds"] = remaining + self.write_seconds if known else None
+        record["losses"] = {k: float(v) for k, v in progress.losses.items() if math.isfinite(v)}
+        return record
+
     def _worth_storing(self, progress: Progress) -> bool:
         last = self._last
         if last is None or (last.phase, last.level) != (progress.phase, progress.level):
@@ -152,16 +176,6 @@ class LogCapture(logging.Handler):
     def __exit__(self, *exception: object) -> None:
         for name in ("visco_core", "worker"):
             logging.getLogger(name).removeHandler(self)
-
-
-def _plain(progress: Progress) -> dict[str, Any]:
-    """JSON has neither NaN nor infinity; a loss that is one of them is left out."""
-    record = dataclasses.asdict(progress)
-    remaining = progress.remaining_seconds
-    if remaining is not None and not math.isfinite(remaining):
-        record["remaining_seconds"] = None
-    record["losses"] = {k: float(v) for k, v in progress.losses.items() if math.isfinite(v)}
-    return record
 
 
 def _content_type(name: str) -> str:

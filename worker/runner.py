@@ -55,6 +55,8 @@ class Runner:
     identity: WorkerIdentity
     device_name: str
     solver: Solver
+    # How long each output of the last job took: what the next one will take, more or less.
+    write_seconds: dict[str, float] = dataclasses.field(default_factory=dict)
 
     def run(self, job_id: str) -> None:
         """Make an attempt at the job, if it is still to be had; every end is stored."""
@@ -63,7 +65,9 @@ class Runner:
             log.info("Job %s is not to be had", job_id)
             return
         begun = time.monotonic()
-        journal = Journal(self.database, self.storage, self.bell, job.id, job.attempt)
+        wanted = wanted_outputs(job.params)
+        expected = sum(self.write_seconds.get(name, 0.0) for name in wanted)
+        journal = Journal(self.database, self.storage, self.bell, job.id, job.attempt, expected)
         limit = hard_limit_seconds(job.params, self.settings.hard_limit_seconds)
         lease = Lease(
             self.database,
@@ -125,7 +129,7 @@ class _Attempt:
             levels = _LevelWriter(self, background, config.up_axis)
             done, notes = self._solve_within_memory(scan, config, levels)
             levels.finish()
-        self.journal.enter("write")
+        self.journal.writing()
         self._store_outputs(done, config.up_axis, notes)
         return {
             "outcome": dataclasses.asdict(done.outcome),
@@ -199,6 +203,7 @@ class _Attempt:
     def _store_outputs(self, done: Reconstruction, up_axis: UpAxis, notes: list[str]) -> None:
         identity = {"job": self.job.id, "label": self.job.label}
         for name in wanted_outputs(self.job.params):
+            begun = time.monotonic()
             path = self.folder / name
             if name == "report.json":
                 service = {"job_id": self.job.id, "attempt": self.job.attempt, "notes": notes}
@@ -213,6 +218,7 @@ class _Attempt:
             if self.lease.should_stop():
                 raise Stopped
             self.journal.store(path, name)
+            self.runner.write_seconds[name] = time.monotonic() - begun
 
     def _fail(self, error: Exception) -> None:
         code, detail = describe_failure(error)

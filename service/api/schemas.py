@@ -20,7 +20,9 @@ class ProgressBody(BaseModel):
     phase: str = Field(examples=["solve"])
     fraction: float = Field(ge=0, le=1)
     elapsed_seconds: float
-    remaining_seconds: float | None = Field(description="None until one level has been timed.")
+    remaining_seconds: float | None = Field(
+        description="Until the job ends; None until the solve begins, a guess on its first level."
+    )
     level: int
     levels: int
     resolution: int

@@ -118,6 +118,16 @@ def test_progress_counts_levels_and_steps_and_never_falls(record: Record) -> Non
     assert all(p.losses.keys() == {"point", "normal", "viscosity"} for p in solving)
 
 
+def test_after_the_first_level_the_time_left_is_by_measured_speed_alone(
+    numba_backend: Backend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("visco_core.multires.SECONDS_PER_NODE_STEP", 1.0)
+    told = Record(numba_backend).progress
+    refining = next(i for i, progress in enumerate(told) if progress.phase == "refine")
+    assert all((progress.remaining_seconds or 1e9) > 1e5 for progress in told[:refining])
+    assert all((progress.remaining_seconds or 0.0) < 1e3 for progress in told[refining:])
+
+
 def test_phases_and_steps_make_the_report(record: Record) -> None:
     phases = [(entry["phase"], entry["resolution"]) for entry in record.clock.phases]
     assert phases == [("start", 64), ("solve", 64), ("refine", 128), ("solve", 128)]

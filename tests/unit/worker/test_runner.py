@@ -84,6 +84,19 @@ def test_events_tell_the_attempt_in_order_without_gap(bench: Bench, solver: Stan
     assert first["losses"] == {"point": 1.0}
 
 
+def test_the_time_left_counts_the_writing_of_what_is_wanted(
+    bench: Bench, solver: StandInSolver
+) -> None:
+    runner = bench.runner(solver)
+    runner.write_seconds.update({"mesh.glb": 100.0, "preview.png": 50.0})
+    job = bench.submit(outputs=["mesh.glb"])
+    runner.run(job.id)
+    told = [event.data for event in bench.events(job) if event.type == "progress"]
+    left = {progress["phase"]: progress["remaining_seconds"] for progress in told}
+    assert left == {"read": None, "solve": 102.0, "write": 100.0}
+    assert runner.write_seconds["mesh.glb"] < 100.0
+
+
 def test_the_scan_is_kept_for_viewers_without_what_cannot_be_drawn(
     bench: Bench, solver: StandInSolver
 ) -> None:
