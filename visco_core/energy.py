@@ -48,6 +48,7 @@ class Energy:
         self._laplace = np.float32(weights.viscosity_epsilon * grid.resolution**2)
         self._scale = np.float32(weights.viscosity / grid.side**3)
         self._rows = grid.backend.zeros(len(grid) + 1)
+        self._splines: dict[int, Array] = {}
         self._matrices, self._vectors = self._kernels.point_system(
             samples.local,
             samples.normals,
@@ -165,10 +166,12 @@ class Energy:
 
         basis (2·reach + 1,): the spline along an axis; knots are ``spacing`` nodes apart.
         """
-        backend, s = self.grid.backend, self.samples
-        return self._kernels.spline_energies(
-            s.corners, self._matrices, self.grid.ijk, backend.array(basis), spacing, side
-        )
+        if spacing not in self._splines:
+            s, basis = self.samples, self.grid.backend.array(basis)
+            self._splines[spacing] = self._kernels.spline_energies(
+                s.corners, self._matrices, s.slabs, self.grid.ijk, basis, spacing, side
+            )
+        return self._splines[spacing]
 
     def viscosity_of_spline(self, basis: np.ndarray) -> float:
         """λv/N Σ (J φ)² of one such spline φ, averaged over the directions of n̂."""

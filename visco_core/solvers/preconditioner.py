@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from visco_core.energy import Energy
-from visco_core.kernels import FREE, Array
+from visco_core.kernels import Array
 
 Preconditioner = Callable[[Array], Array]
 
@@ -37,7 +37,6 @@ class Multilevel:
         self._grid = energy.grid
         self._kernels = energy.grid.backend.kernels
         side = energy.grid.side
-        self._free = (energy.grid.flags[:-1] & FREE).reshape(side, side, side) // FREE
         self._inverses = []
         for level in range(1, COARSER_GRIDS + 1):
             side = side // 2 + 1
@@ -51,7 +50,7 @@ class Multilevel:
 
         def apply(residual: Array) -> Array:
             out = fine(residual)
-            out[:-1] += (self._coarse(residual) * self._free).reshape(-1)
+            out[:-1] += self._coarse(residual).reshape(-1)
             return out
 
         return apply
@@ -64,7 +63,10 @@ class Multilevel:
         total = restricted[-1] * self._inverses[-1]
         for inverse, r in zip(self._inverses[-2::-1], restricted[-2:0:-1], strict=True):
             total = inverse * r + self._kernels.spline_prolong(total, len(r))
-        return self._kernels.spline_prolong(total, side)
+        out = self._kernels.spline_prolong(total, side)
+        # The cube's rim is fixed.
+        out[:: side - 1] = out[:, :: side - 1] = out[:, :, :: side - 1] = 0
+        return out
 
 
 def spline_basis(level: int) -> np.ndarray:

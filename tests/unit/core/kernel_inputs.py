@@ -209,7 +209,7 @@ def _spline_restrict(n: Nodes) -> tuple[Any, ...]:
 def _spline_energies(n: Nodes) -> tuple[Any, ...]:
     s = scan_on(n)
     basis = n.rng.random(13).astype(np.float32)
-    return s.corners, s.matrices, n.ijk, basis, 4, (n.side - 2) // 4 + 2
+    return s.corners, s.matrices, s.slabs, n.ijk, basis, 4, (n.side - 2) // 4 + 2
 
 
 def _dot(n: Nodes) -> tuple[Any, ...]:

@@ -215,7 +215,7 @@ def test_spline_energies_are_those_of_the_splines_values_at_the_nodes(
     nodes = dense()
     spacing, basis = 2**level, spline_basis(level)
     scan, side = scan_on(nodes), (nodes.side - 1) // spacing + 1
-    given = scan.corners, scan.matrices, nodes.ijk, basis, spacing, side
+    given = scan.corners, scan.matrices, scan.slabs, nodes.ijk, basis, spacing, side
     found = call(backend, "spline_energies", *given)[0]
     padded = np.append(basis, 0)
     for knot in np.ndindex(side, side, side):

@@ -1,68 +1,103 @@
-"""Compiled kernels of cubic B-splines between a grid and coarser ones."""
+"""Compiled kernels of cubic B-splines between a grid and coarser ones.
+
+A plane of the result is made at a time, axis after axis, in buffers that stay in the cache. Their
+borders are zero, so that no line needs a case for its ends.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit, prange
 
-from visco_core.kernels.numba_cpu.common import along_axes
+
+@njit(inline="always")
+def _taps(j):
+    """The first of three coefficients that make fine entry ``j``, and their weights."""
+    if j % 2:
+        return j // 2, (np.float32(0.5), np.float32(0.5), np.float32(0))
+    return j // 2 - 1, (np.float32(0.125), np.float32(0.75), np.float32(0.125))
+
+
+@njit(inline="always")
+def _add(out, weight, line):
+    """out (B,) += weight · line (B,)."""
+    for t in range(out.shape[0]):
+        out[t] += weight * line[t]
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def _spline_up(coarse, fine):
-    """Along the middle axis: (A, n', B) to (A, n, B)."""
-    last = coarse.shape[1] - 1
-    for a in prange(coarse.shape[0]):
-        for j in range(fine.shape[1]):
-            h = j // 2
-            for t in range(coarse.shape[2]):
-                high = coarse[a, h + 1, t] if h < last else np.float32(0)
-                if j % 2:
-                    fine[a, j, t] = np.float32(0.5) * (coarse[a, h, t] + high)
-                else:
-                    low = coarse[a, h - 1, t] if h > 0 else np.float32(0)
-                    fine[a, j, t] = np.float32(0.75) * coarse[a, h, t] + np.float32(0.125) * (
-                        low + high
-                    )
-
-
-@njit(parallel=True, fastmath=True, cache=True)
-def _spline_down(fine, coarse):
-    """Along the middle axis: (A, n, B) to (A, n', B), the transpose of ``_spline_up``."""
-    side = fine.shape[1]
-    for a in prange(fine.shape[0]):
-        for h in range(coarse.shape[1]):
-            for t in range(fine.shape[2]):
-                total = np.float32(0)
-                for offset in range(-2, 3):
-                    j = 2 * h + offset
-                    if 0 <= j < side:
-                        w = (0.75, 0.5, 0.125)[abs(offset)]
-                        total += np.float32(w) * fine[a, j, t]
-                coarse[a, h, t] = total
-
-
 def spline_prolong(coarse, side):
-    return along_axes(_spline_up, coarse, side)
+    n = coarse.shape[0]
+    fine = np.empty((side, side, side), np.float32)
+    for i in prange(side):
+        plane = np.zeros((n + 3, n + 3), np.float32)
+        line = np.empty(n + 3, np.float32)
+        first, weights = _taps(i)
+        for tap in range(3):
+            h = first + tap
+            if 0 <= h < n:
+                for b in range(n):
+                    _add(plane[b + 1, 1 : n + 1], weights[tap], coarse[h, b])
+        for j in range(side):
+            first, weights = _taps(j)
+            line[:] = 0
+            for tap in range(3):
+                _add(line, weights[tap], plane[first + 1 + tap])
+            low, middle, high = line[:n], line[1 : n + 1], line[2 : n + 2]
+            even, odd = fine[i, j, ::2], fine[i, j, 1::2]
+            for h in range(even.shape[0]):
+                around = low[h] + high[h]
+                even[h] = np.float32(0.75) * middle[h] + np.float32(0.125) * around
+            for h in range(odd.shape[0]):
+                odd[h] = np.float32(0.5) * (middle[h] + high[h])
+    return fine
 
 
+@njit(parallel=True, fastmath=True, cache=True)
 def spline_restrict(fine):
-    return along_axes(_spline_down, fine, len(fine) // 2 + 1)
+    side = fine.shape[0]
+    n = side // 2 + 1
+    coarse = np.empty((n, n, n), np.float32)
+    weights = np.array([0.125, 0.5, 0.75, 0.5, 0.125], np.float32)
+    for h in prange(n):
+        plane = np.zeros((side + 5, side + 5), np.float32)
+        line = np.empty(side + 5, np.float32)
+        for tap in range(5):
+            i = 2 * h + tap - 2
+            if 0 <= i < side:
+                for j in range(side):
+                    _add(plane[j + 2, 2 : side + 2], weights[tap], fine[i, j])
+        for b in range(n):
+            line[:] = 0
+            for tap in range(5):
+                _add(line, weights[tap], plane[2 * b + tap])
+            out = coarse[h, b]
+            for d in range(n):
+                outer, inner = line[2 * d] + line[2 * d + 4], line[2 * d + 1] + line[2 * d + 3]
+                out[d] = (
+                    np.float32(0.125) * outer
+                    + np.float32(0.5) * inner
+                    + np.float32(0.75) * line[2 * d + 2]
+                )
+    return coarse
 
 
-@njit(fastmath=True, cache=True)
-def spline_energies(corners, matrices, ijk, basis, spacing, side):
+@njit(parallel=True, fastmath=True, cache=True)
+def spline_energies(corners, matrices, slabs, ijk, basis, spacing, side):
     reach = (basis.shape[0] - 1) // 2
     out = np.zeros((side, side, side), np.float32)
-    low = np.empty(3, np.int64)
-    high = np.empty(3, np.int64)
-    w = np.empty(8, np.float32)
-    for m in range(corners.shape[0]):
-        node = ijk[corners[m, 0]]
-        for axis in range(3):
-            low[axis] = max((node[axis] - reach + spacing - 1) // spacing, 0)
-            high[axis] = min((node[axis] + 1 + reach) // spacing, side - 1)
-        for a in range(low[0], high[0] + 1):
+    last = slabs.shape[0] - 2
+    for a in prange(side):
+        low = np.empty(3, np.int64)
+        high = np.empty(3, np.int64)
+        w = np.empty(8, np.float32)
+        begin = slabs[min(max(a * spacing - reach - 1, 0), last + 1)]
+        end = slabs[min(a * spacing + reach, last) + 1]
+        for m in range(begin, end):
+            node = ijk[corners[m, 0]]
+            for axis in range(1, 3):
+                low[axis] = max((node[axis] - reach + spacing - 1) // spacing, 0)
+                high[axis] = min((node[axis] + 1 + reach) // spacing, side - 1)
             for b in range(low[1], high[1] + 1):
                 for d in range(low[2], high[2] + 1):
                     for c in range(8):
@@ -71,7 +106,9 @@ def spline_energies(corners, matrices, ijk, basis, spacing, side):
                         z = node[2] + (c & 1) - d * spacing + reach
                         inside = min(x, y, z) >= 0 and max(x, y, z) <= 2 * reach
                         w[c] = basis[x] * basis[y] * basis[z] if inside else np.float32(0)
+                    total = np.float32(0)
                     for r in range(8):
                         for c in range(8):
-                            out[a, b, d] += w[r] * matrices[m, r, c] * w[c]
+                            total += w[r] * matrices[m, r, c] * w[c]
+                    out[a, b, d] += total
     return out

@@ -34,7 +34,13 @@ def spline_restrict(fine: Tensor) -> Tensor:
 
 
 def spline_energies(
-    corners: Tensor, matrices: Tensor, ijk: Tensor, basis: Tensor, spacing: int, side: int
+    corners: Tensor,
+    matrices: Tensor,
+    slabs: Tensor,
+    ijk: Tensor,
+    basis: Tensor,
+    spacing: int,
+    side: int,
 ) -> Tensor:
     """Σ over voxels of φᵀ M φ for the spline φ of every knot: (side,)³.
 
