@@ -33,17 +33,21 @@ def splat(points, vectors, cells):
 
 
 @njit(inline="always")
-def _lower_envelope(line, apex, border, out):
-    """out[i] = min over j of line[j] + (i − j)²; ``line`` is 1e20 where there is no parabola."""
+def _lower_envelope(line, apex, border, halves, out):
+    """out[i] = min over j of line[j] + (i − j)²; ``line`` is 1e20 where there is no parabola.
+
+    halves[d] = 1 / 2d.
+    """
     n = line.shape[0]
     k = -1
     for j in range(n):
         if line[j] >= 1e20:
             continue
+        height = line[j] + j * j
         start = -np.inf
         while k >= 0:
             v = apex[k]
-            start = ((line[j] + j * j) - (line[v] + v * v)) / (2 * (j - v))
+            start = (height - (line[v] + v * v)) * halves[j - v]
             if start > border[k]:
                 break
             k -= 1
@@ -63,17 +67,30 @@ def _lower_envelope(line, apex, border, out):
         out[i] = line[apex[k]] + (i - apex[k]) ** 2
 
 
+TILE = 16
+"""Lines along a slow axis that are turned at a time, so that what is fetched is used."""
+
+
 @njit(parallel=True, cache=True)
 def _distance_along(values, out):
     """Along the middle axis of (A, n, B)."""
-    n = values.shape[1]
-    for a in prange(values.shape[0]):
-        line, found, border = np.empty(n), np.empty(n), np.empty(n)
-        apex = np.empty(n, np.int64)
-        for b in range(values.shape[2]):
-            line[:] = values[a, :, b]
-            _lower_envelope(line, apex, border, found)
-            out[a, :, b] = found
+    before, n, after = values.shape
+    tiles = (after + TILE - 1) // TILE
+    halves = np.empty(n)
+    halves[1:] = 0.5 / np.arange(1, n)
+    for task in prange(before * tiles):
+        a, first = task // tiles, task % tiles * TILE
+        width = min(TILE, after - first)
+        lines, found = np.empty((width, n)), np.empty((width, n))
+        border, apex = np.empty(n), np.empty(n, np.int64)
+        for j in range(n):
+            for b in range(width):
+                lines[b, j] = values[a, j, first + b]
+        for b in range(width):
+            _lower_envelope(lines[b], apex, border, halves, found[b])
+        for j in range(n):
+            for b in range(width):
+                out[a, j, first + b] = found[b, j]
 
 
 def squared_distance(region):
