@@ -25,13 +25,13 @@ def test_what_is_farther_than_asked_is_infinitely_far() -> None:
 
 
 def test_a_stop_is_asked_for_before_every_piece() -> None:
-    points = np.random.default_rng(1).random((PIECE // 64, 3))
+    points = np.random.default_rng(1).random((PIECE, 3))
     asked: list[int] = []
     found = Neighbours(points, check=lambda: asked.append(1))
     asked.clear()
-    found.nearest(points, 64)
+    found.nearest(points)
     assert len(asked) == 1
-    found.nearest(np.append(points, points[:1], 0), 64)
+    found.nearest(np.append(points, points[:1], 0))
     assert len(asked) == 3
 
 
