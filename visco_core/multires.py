@@ -12,7 +12,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,6 +29,8 @@ from visco_core.result import Outcome
 from visco_core.solvers.adam import Adam
 from visco_core.solvers.gauss_newton import GaussNewton
 from visco_core.solvers.loop import Solver, State, minimise
+
+T = TypeVar("T")
 
 COARSEST, COARSEST_AT_MOST = 64, 96
 """Voxels an axis of the coarsest level. With fewer, thin shapes keep stray pieces; with more, its
@@ -66,10 +68,9 @@ class Problem:
     fitted_normals: np.ndarray | None
     settings: Settings
 
-    @property
-    def weights(self) -> Weights:
+    def weights(self, level: int) -> Weights:
         """Those of the settings; missing normals must not be fitted as if they were zero."""
-        weights = self.settings.weights
+        weights = _entry(self.settings.weights, level)
         return weights if self.fitted_normals is not None else replace(weights, normal=0.0)
 
 
@@ -108,7 +109,7 @@ class LevelPlan:
     def stages(self, level: int) -> list[tuple[float, Solver[Any]]]:
         """What is run on ``level``, one after the other: ε and a solver."""
         schedule = self.settings.schedule
-        epsilon = self.settings.weights.viscosity_epsilon
+        epsilon = _entry(self.settings.weights, level).viscosity_epsilon
         if self.settings.config.profile == "paper":
             adam = Adam(
                 iterations=_entry(schedule.epochs, level) * schedule.iterations,
@@ -189,7 +190,8 @@ class LevelPlan:
         return least + self.finish_seconds(last) <= self.clock.remaining_seconds
 
 
-def _entry(values: tuple[int, ...], level: int) -> int:
+def _entry(values: tuple[T, ...], level: int) -> T:
+    """What ``values``, coarsest level first, say of ``level``; the last stands for all after it."""
     return values[min(level, len(values) - 1)]
 
 
@@ -248,7 +250,7 @@ def _solve_level(
         begun = time.monotonic()
         samples = locate(grid, problem.points, problem.fitted_normals, clock.check)
         clock.check()
-        energy = Energy(grid, samples, problem.weights)
+        energy = Energy(grid, samples, problem.weights(level))
         clock.check()
         plan.located(time.monotonic() - begun)
         reporter = _Reporter(plan, level)

@@ -1,9 +1,9 @@
 """How noisy a scan is, read off the scan itself: it decides how much smoothing the solve applies.
 
 Around sampled points a quadric is fitted through the k nearest neighbours, and its residual is
-measured for growing k. Where the neighbourhood is thinner than the noise the residual grows like
-the neighbourhood's size; where curvature begins to show it grows faster still; in between it stays
-at the noise's standard deviation. That plateau is taken.
+measured for growing k. It holds the noise, and what the quadric cannot follow, which grows with k;
+two sizes tell the two apart. Where the neighbourhood is thinner than the noise the fit follows the
+noise too, so the largest answer of all sizes is taken.
 """
 
 from __future__ import annotations
@@ -18,12 +18,14 @@ from visco_core.progress import Check, never
 SCALES = ((24, 800), (96, 400), (384, 200), (1536, 100))
 """Neighbours, and how many points are sampled at that size."""
 
-PLATEAU = 1.7
-"""Where no step between scales grows less than this there is no plateau: the smallest scale holds
-what noise there is."""
+CURVATURE_GROWTH = 3.3
+"""How much more a quadric leaves over of an exact surface when k grows fourfold."""
 
 CURVATURE = 2.5
-"""Growth after which no larger scale can tell more."""
+"""Growth of the residual after which no larger scale can tell more."""
+
+FLAT = 1.5
+"""Growth below which the largest scale holds little but noise."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ def estimate_noise(
             normal_deviation = _typical_deviation(normals[nearest], basis[..., :3])
         elif residuals[-1] > CURVATURE * residuals[-2]:
             break
-    return Noise(_plateau(np.array(residuals)), normal_deviation)
+    return Noise(_without_curvature(np.array(residuals)), normal_deviation)
 
 
 def _local_frame(around: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -83,7 +85,18 @@ def _typical_deviation(values: np.ndarray, basis: np.ndarray) -> float:
     return float(np.median(np.sqrt(residual / max(count - terms, 1))))
 
 
-def _plateau(residuals: np.ndarray) -> float:
+def _without_curvature(residuals: np.ndarray) -> float:
+    """The noise σ in residuals (S,) of growing scales: r_s² = σ² + c², where c grows by the scale.
+
+    c is CURVATURE_GROWTH times larger on the next scale, until scales outgrow the surface's detail;
+    so none is asked beyond those between which the residual grows least.
+    """
+    square, factor = np.square(residuals), CURVATURE_GROWTH**2
+    noise = (square[:-1] - square[1:] / factor) / (1 - 1 / factor)
     growth = residuals[1:] / np.maximum(residuals[:-1], np.finfo(float).tiny)
     slowest = int(growth.argmin())
-    return float(residuals[slowest + 1 if growth[slowest] < PLATEAU else 0])
+    asked = noise[: slowest + 1]
+    if slowest + 1 == len(growth) and growth[-1] < FLAT:
+        asked = np.append(asked, square[-1])
+    # Where curvature hides the noise at every scale, half of the smallest residual is a fair guess.
+    return float(np.sqrt(asked.max(initial=square[0] / 4)))

@@ -38,10 +38,10 @@ class Schedule:
 
 @dataclass(frozen=True)
 class Settings:
-    """A config with nothing left open."""
+    """A config with nothing left open; ``weights`` of each level, coarsest first."""
 
     config: ReconstructionConfig
-    weights: Weights
+    weights: tuple[Weights, ...]
     schedule: Schedule
 
 
@@ -65,11 +65,16 @@ FAST_WEIGHTS = Weights(
 )
 """λn and λv are those of a scan whose noise is not known; see ``weights_for_noise``."""
 
-VISCOSITY_PER_VARIANCE = 1e6
+VISCOSITY_PER_VARIANCE = 1.25e6
 """λv · m / σ² in units of the cube: how strongly the prior weighs against one point."""
 
-VOXEL_ERROR = 0.05
-"""What trilinear voxels add to the noise, as a share of the finest voxel."""
+VOXEL_ERROR = 0.1
+"""What trilinear voxels add to the noise of the points, as a share of a voxel."""
+
+VOXEL_ERROR_OF_NORMALS = 0.1
+"""How much of that counts when normals are weighed against points on the finer levels, where the
+slope of a trilinear voxel is further from the surface's than most normals. On the coarsest all of
+it counts: there the normals lead the surface from what was seen into the holes."""
 
 LEAST_NORMAL_DEVIATION = 0.05
 """No normals are trusted beyond this, in radians."""
@@ -83,28 +88,33 @@ PAPER_PRUNE = {30: 12.0, 21: 12.0, 15: 6.0, 8: 6.0}
 FAST_OUTER_STEPS, FAST_INNER_STEPS, FAST_BAND_WIDTH = (5, 3), (30, 20), 4.0
 
 
-def weights_for_noise(noise: Noise, points: int, resolution: int) -> Weights:
-    """The weights of the profile ``fast`` for a scan's noise in units of the cube.
+def weights_for_noise(noise: Noise, points: int, resolutions: list[int]) -> tuple[Weights, ...]:
+    """The weights of the profile ``fast`` on each level for a scan's noise in units of the cube.
 
     Maximum a posteriori: m points of variance σ² and normals of variance σn² weigh λp/m : λn/m as
     1/σ² : 1/σn², and the prior's weight relative to all of them is constant, so
 
-        λn = λp σ² / σn²,    λv = VISCOSITY_PER_VARIANCE · σ² / m.
+        λn = λp σ² / σn²,    λv = VISCOSITY_PER_VARIANCE · σ² / m,
+
+    where σ² is the noise and what the level's voxels add to it.
     """
     base = FAST_WEIGHTS
-    variance = noise.position**2 + (VOXEL_ERROR / resolution) ** 2
     normal_variance = max(noise.normal, LEAST_NORMAL_DEVIATION) ** 2
-    return replace(
-        base,
-        normal=min(base.point * variance / normal_variance, 1e-3),
-        viscosity=min(VISCOSITY_PER_VARIANCE * variance / points, 1e-1),
-    )
+
+    def on_level(level: int, resolution: int) -> Weights:
+        voxel = (VOXEL_ERROR / resolution) ** 2
+        for_normals = voxel * (VOXEL_ERROR_OF_NORMALS if level else 1)
+        normal = base.point * (noise.position**2 + for_normals) / normal_variance
+        viscosity = VISCOSITY_PER_VARIANCE * (noise.position**2 + voxel) / points
+        return replace(base, normal=min(normal, 1e-3), viscosity=min(viscosity, 1e-1))
+
+    return tuple(on_level(*entry) for entry in enumerate(resolutions))
 
 
-def decide(config: ReconstructionConfig, weights: Weights | None = None) -> Settings:
+def decide(config: ReconstructionConfig, weights: tuple[Weights, ...] | None = None) -> Settings:
     """``config`` with every None filled in: by ``weights`` if given, else by the profile."""
     if weights is None:
-        weights = PAPER_WEIGHTS if config.profile == "paper" else FAST_WEIGHTS
+        weights = (PAPER_WEIGHTS if config.profile == "paper" else FAST_WEIGHTS,)
     asked = config.schedule
     minutes = asked.paper_minutes
     band_width = FAST_BAND_WIDTH if asked.band_width is None else asked.band_width
@@ -119,7 +129,7 @@ def decide(config: ReconstructionConfig, weights: Weights | None = None) -> Sett
         learning_rate=asked.learning_rate,
         band_width=band_width,
     )
-    return Settings(config, _merged(weights, config.weights), schedule)
+    return Settings(config, tuple(_merged(each, config.weights) for each in weights), schedule)
 
 
 def _merged(defaults: Weights, asked: LossWeights) -> Weights:

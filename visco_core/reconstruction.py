@@ -16,7 +16,7 @@ from visco_core.extract import extract_isosurface, supported_pieces
 from visco_core.frame import Normalisation
 from visco_core.grid.samples import spatial_order
 from visco_core.kernels import choose_backend
-from visco_core.multires import Problem, SolvedLevel, solve_levels
+from visco_core.multires import Problem, SolvedLevel, plan_resolutions, solve_levels
 from visco_core.noise import estimate_noise
 from visco_core.normals import estimate_normals
 from visco_core.pointcloud import PointCloud
@@ -75,7 +75,8 @@ def reconstruct(
         with clock.phase("noise") as entry:
             noise = estimate_noise(points, normals, config.seed, backend.threads, clock.check)
             entry.update(position=noise.position * frame.scale, normal_radians=noise.normal)
-        settings = decide(config, weights_for_noise(noise, len(points), config.resolution))
+        resolutions = plan_resolutions(config.resolution)
+        settings = decide(config, weights_for_noise(noise, len(points), resolutions))
     fitted = None if config.normals == "ignore" else normals
     problem = Problem(points, normals, fitted, settings)
 
@@ -108,7 +109,7 @@ def _report(
     return {
         "settings": {
             **asdict(settings.config),
-            "weights": asdict(settings.weights),
+            "weights": [asdict(weights) for weights in settings.weights],
             "schedule": asdict(settings.schedule),
         },
         "backend": backend_name,

@@ -136,8 +136,8 @@ def test_fixed_fields_are_no_options() -> None:
 
 def test_the_paper_profile_has_the_paper_s_settings() -> None:
     decided = decide(ReconstructionConfig(profile="paper"))
-    assert decided.weights == PAPER_WEIGHTS
-    weights = decided.weights
+    assert decided.weights == (PAPER_WEIGHTS,)
+    (weights,) = decided.weights
     assert (weights.point, weights.normal, weights.viscosity) == (0.1, 1e-5, 1e-4)
     assert (weights.coarea, weights.viscosity_epsilon) == (1e-6, 1e-2)
     schedule = decided.schedule
@@ -156,14 +156,14 @@ def test_paper_minutes_choose_epochs_and_pruning(minutes: Any) -> None:
 def test_what_the_user_says_wins_over_the_profile() -> None:
     config = from_options(lambda_v=3e-3, outer_steps=[7], prune=9, band_width=5, epochs=[1])
     fast = decide(config)
-    assert fast.weights == dataclasses.replace(FAST_WEIGHTS, viscosity=3e-3)
+    assert fast.weights == (dataclasses.replace(FAST_WEIGHTS, viscosity=3e-3),)
     assert (fast.schedule.outer_steps, fast.schedule.band_width) == ((7,), 5)
     paper = decide(dataclasses.replace(config, profile="paper"))
     assert (paper.schedule.epochs, paper.schedule.band_width) == ((1,), 9)
-    assert paper.weights == dataclasses.replace(PAPER_WEIGHTS, viscosity=3e-3)
+    assert paper.weights == (dataclasses.replace(PAPER_WEIGHTS, viscosity=3e-3),)
 
 
 def test_a_weight_of_zero_is_kept() -> None:
     config = from_options(lambda_c=0, lambda_n=0, profile="paper")
-    weights = decide(config).weights
+    (weights,) = decide(config).weights
     assert (weights.coarea, weights.normal) == (0, 0)

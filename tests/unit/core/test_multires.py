@@ -151,7 +151,7 @@ def test_without_fitted_normals_there_is_no_normal_loss(numba_backend: Backend) 
 
 def test_fast_stages_continue_in_epsilon_on_the_coarsest_level_only() -> None:
     plan = plan_of(settings())
-    epsilon = plan.settings.weights.viscosity_epsilon
+    epsilon = plan.settings.weights[0].viscosity_epsilon
     assert [factor for factor, _ in plan.stages(0)] == [epsilon * f for f in CONTINUATION]
     assert plan.stages(0)[-1] == (epsilon, GaussNewton(2, 8))
     assert plan.stages(1) == [(epsilon, GaussNewton(1, 8))]
