@@ -70,7 +70,8 @@ def sniff_points(
 
     source: a path, or the file's first bytes (all, or at least ``HEAD_BYTES``); size: the whole
     file's length in bytes, needed with bytes; exact: whether it is that, or only a bound above it;
-    name: the file's name, for formats that have no mark of their own. Cheap enough for a web service: imports neither torch nor any format's library.
+    name: the file's name, for formats that have no mark of their own. Cheap enough for a web
+    service: imports neither torch nor any format's library.
     Raises InputError as ``read_points`` does.
     """
     if isinstance(source, bytes):
