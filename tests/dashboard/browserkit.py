@@ -52,15 +52,29 @@ def finish(service: Service, **params: Any) -> str:
 
 
 def pixels(element: Locator) -> np.ndarray:
-    """What is seen of an element: (H, W, 3) uint8."""
-    return np.asarray(Image.open(io.BytesIO(element.screenshot())).convert("RGB"))
+    """What is seen of an element, without what lies over a canvas: (H, W, 3) uint8."""
+    element.evaluate(_SHOW_LABELS, "hidden")
+    png = element.screenshot()
+    element.evaluate(_SHOW_LABELS, "")
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+
+
+_SHOW_LABELS = """(element, visibility) => {
+  if (element.tagName !== "CANVAS") return;
+  for (const one of element.parentElement.children) {
+    if (one !== element) one.style.visibility = visibility;
+  }
+}"""
 
 
 def silhouette(picture: np.ndarray) -> np.ndarray:
     """(H, W) bool: where a picture of the stage differs from the grey behind it."""
     values = picture.astype(int)
-    # The background has one color a row; its left edge shows which.
-    return np.abs(values - values[:, 3:4]).sum(axis=2) > 24
+    # The background has one color a row; beside its round corner its left edge shows which.
+    edge = 12
+    seen = np.abs(values - values[:, edge : edge + 1]).sum(axis=2) > 24
+    seen[:, :edge] = seen[:, -edge:] = False
+    return seen
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:

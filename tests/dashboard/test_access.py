@@ -71,7 +71,7 @@ def test_the_sample_is_submitted_with_the_keyboard_alone(open_page: OpenPage, wo
     page = open_page("/new")
     _tab_to(page, "No scan at hand? Take the sample")
     page.keyboard.press("Enter")
-    expect(page.get_by_text("octopus.ply")).to_be_visible()
+    expect(page.get_by_role("button", name="Remove octopus.ply")).to_be_visible()
     _tab_to(page, "128")
     page.keyboard.press("Space")
     _tab_to(page, "Reconstruct")

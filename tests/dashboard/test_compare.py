@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
 import pytest
 from browserkit import finish, overlap, pixels, settle, silhouette
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Page, expect
 from workerkit import Service
 
 OpenPage = Callable[[str], Page]
@@ -18,11 +17,6 @@ def coarse(service: Service, worker: None) -> str:
     return finish(service, label="coarse", resolution=64)
 
 
-def outline(canvas: Locator) -> np.ndarray:
-    """The silhouette between the name at the head and the caption at the foot."""
-    return silhouette(pixels(canvas))[50:-50]
-
-
 def test_cameras_are_linked_and_differences_listed(
     open_page: OpenPage, finished: str, coarse: str
 ) -> None:
@@ -30,13 +24,13 @@ def test_cameras_are_linked_and_differences_listed(
     canvases = page.locator('canvas[data-mesh="mesh.glb"]')
     expect(canvases).to_have_count(2)
     settle(page)
-    before = [outline(canvases.nth(index)) for index in range(2)]
+    before = [silhouette(pixels(canvases.nth(index))) for index in range(2)]
     assert overlap(*before) > 0.9
     canvases.first.focus()
     for _ in range(6):
         page.keyboard.press("ArrowRight")
     settle(page)
-    after = [outline(canvases.nth(index)) for index in range(2)]
+    after = [silhouette(pixels(canvases.nth(index))) for index in range(2)]
     assert overlap(before[1], after[1]) < 0.85
     assert overlap(*after) > 0.9
 

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { type History, latestAttempt, NO_HISTORY, phaseSeconds, withEvent } from "../src/logic/history";
+import { type History, latestAttempt, NO_HISTORY, phaseSeconds, withEvent, withWriting } from "../src/logic/history";
 import type { ServerEvent } from "../src/logic/sse";
 
 let id = 0;
@@ -16,6 +16,16 @@ function run(...events: ServerEvent[]): History {
 }
 
 describe("the time line", () => {
+  it("has the writing at its end, of which no event tells", () => {
+    const extract = { phase: "extract", resolution: 256, start: 1000, end: 3000 };
+    expect(withWriting([extract], 0.5)).toEqual([
+      { ...extract, end: 2500 },
+      { phase: "write", resolution: 0, start: 2500, end: 3000 },
+    ]);
+    expect(withWriting([extract], 0)).toEqual([extract]);
+    expect(withWriting([], 1)).toEqual([]);
+  });
+
   it("charges the time from one phase's report to the next", () => {
     const history = run(
       event("queued", 0),

@@ -2,7 +2,7 @@ import { describe, expect, it } from "vitest";
 import { chart } from "../src/logic/chart";
 import { metric, settingsRows } from "../src/logic/compare";
 import { isScanName, sortFiles } from "../src/logic/files";
-import { bytes, duration, significant } from "../src/logic/format";
+import { bytes, duration, plainName, significant } from "../src/logic/format";
 import { pythonic, shellQuoted, snippet } from "../src/logic/snippets";
 import { routeOf } from "../src/state/route";
 import { option } from "./samples";
@@ -35,6 +35,17 @@ describe("numbers", () => {
   ])("%s is %s", (value, text) => expect(significant(value)).toBe(text));
 });
 
+describe("names", () => {
+  it("cannot turn the text around them", () => {
+    expect(plainName("a\u202egpj.ply")).toBe("a\ufffdgpj.ply");
+    expect(plainName("line\nbreak\u2028")).toBe("line\ufffdbreak\ufffd");
+  });
+
+  it("may be of any script", () => {
+    for (const name of ["مسح\u200f (1).ply", "扫描.ply", "<b>.ply", "🐙.ply"]) expect(plainName(name)).toBe(name);
+  });
+});
+
 describe("snippets", () => {
   const hostile = `it's "a" $(rm); scan.ply`;
 
@@ -47,6 +58,14 @@ describe("snippets", () => {
     expect(pythonic({ a: 1 }.a)).toBe("1");
     expect(pythonic([null, true, "ü\n"])).toBe('[None, True, "ü\\n"]');
     expect(snippet("python", "a.ply", { trim: null, resolution: 64 }, "http://h")).toContain("resolution=64,");
+  });
+
+  it("show every character that turns the direction of reading", () => {
+    const params = { label: "a\u202eb" };
+    for (const kind of ["json", "curl", "python"] as const) {
+      expect(snippet(kind, "a.ply", params, "http://h")).toContain(String.raw`"a\u202eb"`);
+    }
+    expect(JSON.parse(snippet("json", "a", params, ""))).toEqual(params);
   });
 
   it("are the params as JSON", () => {
@@ -74,10 +93,11 @@ describe("comparisons", () => {
   });
 
   it("mark the best only where there is one", () => {
-    expect(metric("d", "", [3, 1, null], "low").best).toBe(1);
-    expect(metric("d", "", [1, 1], "low").best).toBe(-1);
-    expect(metric("d", "", [1, null], "low").best).toBe(-1);
-    expect(metric("d", "", [1, 2], "none").best).toBe(-1);
+    expect(metric("d", "", [3, 1, null], "low", String).best).toBe(1);
+    expect(metric("d", "", [1, 1], "low", String).best).toBe(-1);
+    expect(metric("d", "", [1.01, 1.02, 3], "low", (value) => value.toFixed(1)).best).toBe(-1);
+    expect(metric("d", "", [1, null], "low", String).best).toBe(-1);
+    expect(metric("d", "", [1, 2], "none", String).best).toBe(-1);
   });
 });
 

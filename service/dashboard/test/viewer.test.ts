@@ -1,13 +1,16 @@
 import { Vector3 } from "three";
 import { describe, expect, it } from "vitest";
+import { clustered, coarserIndices } from "../src/viewer/coarser";
 import { colorAt, colorsOf } from "../src/viewer/colormap";
 import { inFrame } from "../src/viewer/distances";
 import { Frame } from "../src/viewer/frame";
-import { type Geometry, readGlb, sizeOf } from "../src/viewer/glb";
+import { type Geometry, pointsSoFar, readGlb, sizeOf } from "../src/viewer/glb";
 import { buildTree, Neighbors } from "../src/viewer/kdtree";
 import { meshesToShow } from "../src/viewer/model";
+import { Pace } from "../src/viewer/pace";
 import { leastDirection, ScanSurface } from "../src/viewer/scansurface";
 import { histogram, roundUp, summarize } from "../src/viewer/statistics";
+import { UPS } from "../src/viewer/up";
 import { job } from "./samples";
 
 /** Numbers that look random and are the same in every run (Lehmer). */
@@ -143,6 +146,12 @@ describe("the viewer's frame", () => {
     expect(frame.fromScan(frame.toScan(placed)).distanceTo(placed)).toBeLessThan(1e-6);
   });
 
+  it.each(UPS)("turns without mirroring when %s is up", (up) => {
+    const frame = new Frame(geometry({}), up);
+    expect(frame.placement(geometry({})).determinant()).toBeGreaterThan(0);
+    expect(frame.direction(up).y).toBeCloseTo(1);
+  });
+
   it("keeps two files of one scan together in map coordinates", () => {
     const frame = new Frame(geometry({ offset: [5e6, 0, 0] }));
     const other = geometry({ offset: [5e6 + 0.25, 0, 0] });
@@ -152,7 +161,8 @@ describe("the viewer's frame", () => {
   });
 
   it("speaks of the same places as another job's frame", () => {
-    const [one, two] = [new Frame(geometry({})), new Frame(geometry({ offset: [10, 20, 30], scale: 2 }))];
+    const other = geometry({ offset: [10, 20, 30], scale: 2, upAxis: "x" });
+    const [one, two] = [new Frame(geometry({})), new Frame(other)];
     const place = new Vector3(0.1, 0.2, 0.3);
     const back = one.fromScan(two.toScan(two.fromScan(one.toScan(place))));
     expect(back.distanceTo(place)).toBeLessThan(1e-6);
@@ -195,6 +205,15 @@ describe("a GLB", () => {
     expect(sizeOf(read)).toBe(4);
   });
 
+  it("gives the points that have come so far", () => {
+    const file = glb({});
+    const begun = readGlb(file).positions.byteOffset;
+    expect(pointsSoFar(file, 10)).toBeNull();
+    expect(pointsSoFar(file, begun + 11)).toBeNull();
+    expect([...pointsSoFar(file, begun + 25)!.positions]).toEqual([0, 0, 0, 2, 0, 0]);
+    expect(pointsSoFar(file, file.byteLength)!.positions).toHaveLength(9);
+  });
+
   it("that is none is refused", () => {
     expect(() => readGlb(new ArrayBuffer(64))).toThrow("not binary glTF");
     expect(() => readGlb(new ArrayBuffer(3))).toThrow("not binary glTF");
@@ -221,5 +240,74 @@ describe("the meshes to load", () => {
   it("of a failed job are what it got to", () => {
     const failed = job("a", { status: "failed", artifacts: levels });
     expect(meshesToShow(failed, false).map((one) => one.name)).toEqual(["level-128.glb"]);
+  });
+});
+
+describe("fewer triangles while the view moves", () => {
+  // A square of 200 by 200 by 2 triangles, one unit between its vertices.
+  const side = 201;
+  const positions = Float32Array.from({ length: 3 * side * side }, (_, i) =>
+    i % 3 === 0 ? Math.floor(i / 3) % side : i % 3 === 1 ? Math.floor(i / 3 / side) : 0,
+  );
+  const corners: number[] = [];
+  for (let y = 0; y < side - 1; y++) {
+    for (let x = 0; x < side - 1; x++) {
+      const at = y * side + x;
+      corners.push(at, at + 1, at + side, at + side, at + 1, at + side + 1);
+    }
+  }
+  const indices = Uint32Array.from(corners);
+
+  it("are about a quarter at each step, until they are few", () => {
+    const counts = coarserIndices(positions, indices).map((one) => one.length / 3);
+    expect(counts).toHaveLength(2);
+    expect(counts[0]! / 80_000).toBeCloseTo(0.25, 1);
+    expect(counts[1]! / counts[0]!).toBeCloseTo(0.25, 1);
+  });
+
+  it("still cover the surface, facing the same way", () => {
+    const found = clustered(positions, indices, 4);
+    let area = 0;
+    for (let i = 0; i < found.length; i += 3) {
+      const [a, b, c] = [0, 1, 2].map((k) => new Vector3().fromArray(positions, 3 * found[i + k]!)) as [
+        Vector3, Vector3, Vector3,
+      ];
+      area += b.sub(a).cross(c.sub(a)).z / 2;
+    }
+    expect(area / 200 ** 2).toBeGreaterThan(0.9);
+    expect(area / 200 ** 2).toBeLessThanOrEqual(1);
+  });
+
+  it("of nothing are none", () => {
+    expect(coarserIndices(new Float32Array(0), new Uint32Array(0))).toEqual([]);
+  });
+});
+
+describe("the pace", () => {
+  it("draws everything until a frame was slow, then what fits into a thirtieth of a second", () => {
+    const pace = new Pace();
+    pace.learn(2_000_000, 17, 1);
+    expect(pace.budget).toBe(Infinity);
+    pace.learn(2_000_000, 200, 1);
+    expect(pace.budget).toBe(300_000);
+  });
+
+  it("gives up sharpness first", () => {
+    const pace = new Pace();
+    pace.learn(2_000_000, 200, 2);
+    expect([pace.sharp, pace.budget]).toEqual([false, Infinity]);
+    pace.learn(2_000_000, 100, 1);
+    expect(pace.budget).toBe(600_000);
+  });
+
+  it("dares more while frames are fast, and never draws next to nothing", () => {
+    const pace = new Pace();
+    pace.learn(1_000_000, 100, 1);
+    pace.learn(290_000, 17, 1);
+    expect(pace.budget).toBe(375_000);
+    pace.learn(50_000, 17, 1);
+    expect(pace.budget).toBe(375_000);
+    pace.learn(375_000, 60_000, 1);
+    expect(pace.budget).toBe(20_000);
   });
 });

@@ -62,6 +62,12 @@ async function refusal(answer: Response): Promise<Refused> {
   );
 }
 
+/** What to show when a job's file could not be had. */
+export function artifactTrouble(error: unknown): string {
+  const gone = error instanceof Refused && (error.status === 404 || error.status === 410);
+  return gone ? "The files of this job have expired. Retry it to make them again." : sentence(error);
+}
+
 /** What to show for anything that was thrown. */
 export function sentence(error: unknown): string {
   if (error instanceof Refused || error instanceof Unreachable) return error.message;

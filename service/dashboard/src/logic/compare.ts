@@ -21,24 +21,28 @@ export function settingsRows(options: readonly Option[], all: readonly Params[])
 export interface Metric {
   name: string;
   unit: string;
-  values: Array<number | null>;
+  texts: string[];
   /** The column that does best, or -1 where no direction is better or all are equal. */
   best: number;
 }
 
+/** `text` shows a value; what looks the same there is no better. */
 export function metric(
   name: string,
   unit: string,
   values: Array<number | null>,
-  better: "low" | "high" | "none",
+  better: "low" | "none",
+  text: (value: number) => string,
 ): Metric {
-  return { name, unit, values, best: better === "none" ? -1 : bestOf(values, better) };
+  const texts = values.map((value) => (value === null ? "–" : text(value)));
+  return { name, unit, texts, best: better === "none" ? -1 : lowestOf(values, texts) };
 }
 
-function bestOf(values: Array<number | null>, better: "low" | "high"): number {
+function lowestOf(values: ReadonlyArray<number | null>, texts: readonly string[]): number {
   const known = values.filter((value): value is number => value !== null);
-  if (known.length < 2 || new Set(known).size === 1) return -1;
-  return values.indexOf(better === "low" ? Math.min(...known) : Math.max(...known));
+  const best = values.indexOf(Math.min(...known));
+  const alone = texts.filter((text) => text === texts[best]).length === 1;
+  return known.length > 1 && alone ? best : -1;
 }
 
 export function sameScan(jobs: readonly Job[]): boolean {

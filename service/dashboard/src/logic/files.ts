@@ -31,7 +31,7 @@ export async function droppedFiles(transfer: DataTransfer): Promise<File[]> {
   const plain = [...transfer.files];
   if (entries.every((entry) => entry === null)) return plain;
   const found = await Promise.all(entries.map((entry) => (entry ? filesUnder(entry) : [])));
-  return found.flat();
+  return found.flat().sort((a, b) => a.name.localeCompare(b.name, undefined, { numeric: true }));
 }
 
 async function filesUnder(entry: FileSystemEntry): Promise<File[]> {

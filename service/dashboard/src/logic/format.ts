@@ -50,6 +50,11 @@ export function ago(iso: string, now = Date.now()): string {
   return iso.slice(0, 10);
 }
 
+/** Day and time, here and now. */
+export function moment(iso: string): string {
+  return new Date(iso).toLocaleString("en-GB", { day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
+}
+
 export const STATUS_NAMES: Record<Status, string> = {
   queued: "Queued",
   running: "Running",
@@ -65,7 +70,15 @@ export function statusName(job: Pick<Job, "status" | "cancel_requested">): strin
 
 /** What a person calls the job. */
 export function jobName(job: Pick<Job, "label" | "scan">): string {
-  return job.label || job.scan.name;
+  return plainName(job.label || job.scan.name);
+}
+
+/**
+ * A name without control characters, also those that turn the direction of reading: `gpj.ply` must
+ * not be shown where `ylp.jpg` is stored. Marks that only Arabic or Hebrew needs are let through.
+ */
+export function plainName(name: string): string {
+  return name.replace(/[\p{Cc}\u2028\u2029\u202a-\u202e\u2066-\u2069]/gu, "\ufffd");
 }
 
 /** For the place in a list; `phaseName` is for a sentence. */
@@ -79,6 +92,7 @@ const PHASE_NAMES: Record<string, string> = {
   read: "Reading the scan",
   prepare: "Preparing points",
   normals: "Estimating normals",
+  noise: "Measuring the noise",
   start: "Starting field",
   refine: "Refining the grid",
   solve: "Solving",

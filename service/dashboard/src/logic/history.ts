@@ -143,6 +143,15 @@ export function latestAttempt(segments: readonly Segment[]): readonly Segment[] 
   return segments.slice(segments.findLastIndex((segment) => segment.phase === "queued") + 1);
 }
 
+/** Splits the writing off the end: no event tells of it, but the ended job knows how long it took. */
+export function withWriting(segments: readonly Segment[], seconds: number): readonly Segment[] {
+  const last = segments.at(-1);
+  if (!last || last.phase === "write" || !(seconds > 0)) return segments;
+  const begun = Math.max(last.start, last.end - 1000 * seconds);
+  const writing = { phase: "write", resolution: 0, start: begun, end: last.end };
+  return [...segments.slice(0, -1), { ...last, end: begun }, writing];
+}
+
 /** Seconds of each phase, in the order of their first appearance. */
 export function phaseSeconds(segments: readonly Segment[]): Array<{ name: string; seconds: number }> {
   const sums = new Map<string, number>();

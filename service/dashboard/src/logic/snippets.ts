@@ -4,7 +4,7 @@ import type { Params } from "../api/types";
 export type SnippetKind = "json" | "curl" | "python";
 
 export function snippet(kind: SnippetKind, scan: string, params: Params, origin: string): string {
-  if (kind === "json") return JSON.stringify(params, null, 2);
+  if (kind === "json") return visibly(JSON.stringify(params, null, 2));
   return kind === "curl" ? curl(scan, params, origin) : python(scan, params, origin);
 }
 
@@ -14,7 +14,7 @@ function curl(scan: string, params: Params, origin: string): string {
   return [
     `curl ${shellQuoted(`${origin}/v1/jobs`)}`,
     `  -F ${shellQuoted(file)}`,
-    `  --form-string ${shellQuoted(`params=${JSON.stringify(params)}`)}`,
+    `  --form-string ${shellQuoted(`params=${visibly(JSON.stringify(params))}`)}`,
   ].join(" \\\n");
 }
 
@@ -42,5 +42,10 @@ export function pythonic(value: unknown): string {
   if (value === null || value === undefined) return "None";
   if (typeof value === "boolean") return value ? "True" : "False";
   if (Array.isArray(value)) return `[${value.map(pythonic).join(", ")}]`;
-  return JSON.stringify(value);
+  return visibly(JSON.stringify(value));
+}
+
+/** JSON and Python know the same way to write what would turn the direction of reading. */
+function visibly(text: string): string {
+  return text.replace(/[\u202a-\u202e\u2066-\u2069]/g, (one) => `\\u${one.charCodeAt(0).toString(16)}`);
 }

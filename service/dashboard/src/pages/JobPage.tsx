@@ -11,6 +11,7 @@ import { Icon } from "../parts/Icon";
 import { LogCard } from "../parts/LogCard";
 import { LossChart } from "../parts/LossChart";
 import { SettingsCard } from "../parts/SettingsCard";
+import { Name } from "../parts/Name";
 import { ProgressBar, progressText, StatusBadge } from "../parts/Status";
 import { Timeline } from "../parts/Timeline";
 import { useTitle } from "../parts/useTitle";
@@ -44,7 +45,7 @@ export function JobPage({ id }: { id: string }) {
           </section>
           <section class="card panel">
             <h2>Losses</h2>
-            <LossChart points={history.losses} />
+            <LossChart points={history.losses} ended={!isActive(live)} />
           </section>
           <Downloads job={job} />
           <SettingsCard job={job} />
@@ -89,14 +90,16 @@ function Head({ job, one }: { job: Job; one: OneJob }) {
     deleteJobs([job.id]);
     navigate("/");
   };
-  const other = sibling(job);
+  const other = job.status === "succeeded" ? sibling(job) : undefined;
   return (
     <div class="page-head">
       <div class="grow">
-        <Heading>{jobName(job)}</Heading>
+        <Heading>
+          <Name>{jobName(job)}</Name>
+        </Heading>
         <p class="row small muted">
           <StatusBadge job={job} />
-          {job.label && <span>{job.scan.name}</span>}
+          {job.label && <Name>{job.scan.name}</Name>}
           <span class="mono">{job.id}</span>
         </p>
       </div>

@@ -4,9 +4,10 @@ import { useEffect } from "preact/hooks";
 import { fetchJob, retryJob } from "../api/calls";
 import { Refused, sentence } from "../api/http";
 import type { Job } from "../api/types";
-import { jobName } from "../logic/format";
+import { jobName, moment } from "../logic/format";
 import { checkDraft, type Draft, draftOf, retryChanges, serverErrors } from "../logic/form";
 import { Heading } from "../parts/Heading";
+import { Name } from "../parts/Name";
 import { ChosenFiles, DropZone, SentFiles } from "../parts/Intake";
 import { SettingsForm } from "../parts/SettingsForm";
 import { useTitle } from "../parts/useTitle";
@@ -62,7 +63,7 @@ export function NewPage() {
   return (
     <>
       <div class="page-head">
-        <Heading>{retryOf ? `Retry ${like.value ? jobName(like.value) : "a job"}` : "New job"}</Heading>
+        <Heading>{retryOf ? <>Retry {like.value ? <Name>{jobName(like.value)}</Name> : "a job"}</> : "New job"}</Heading>
       </div>
       <form class={retryOf ? "" : "new-page"} onSubmit={submit} noValidate>
         {!retryOf && (
@@ -130,7 +131,7 @@ function SameAs({ now }: { now: string }) {
         <option value="">the defaults</option>
         {recent.map((job) => (
           <option key={job.id} value={job.id}>
-            {jobName(job)} · {String(job.params["resolution"] ?? "")} {job.created_at.slice(5, 16).replace("T", " ")}
+            {jobName(job)} · {String(job.params["resolution"] ?? "")} {moment(job.created_at)}
           </option>
         ))}
       </select>

@@ -7,6 +7,7 @@ import { count, duration, jobName, significant } from "../logic/format";
 import { fieldName } from "../logic/form";
 import { options } from "../state/options";
 import type { Summary } from "../viewer/statistics";
+import { Name } from "./Name";
 import { valueText } from "./SettingsCard";
 
 export function MetricsTable({ jobs, distances }: { jobs: readonly Job[]; distances: Record<string, Summary> }) {
@@ -20,9 +21,9 @@ export function MetricsTable({ jobs, distances }: { jobs: readonly Job[]; distan
             <th scope="row">
               {row.name} <span class="muted small">{row.unit}</span>
             </th>
-            {row.values.map((value, column) => (
+            {row.texts.map((text, column) => (
               <td key={jobs[column]!.id} class={column === row.best ? "best" : ""}>
-                {metricText(row, value)}
+                {text}
                 {column === row.best && <span class="unseen"> (best)</span>}
               </td>
             ))}
@@ -37,19 +38,13 @@ function metricsOf(jobs: readonly Job[], distances: Record<string, Summary>): Me
   const each = (read: (job: Job) => number | null | undefined) => jobs.map((job) => read(job) ?? null);
   const distance = (name: keyof Summary) => each((job) => distances[job.id]?.[name]);
   return [
-    metric("Mean distance to the scan", "scan units", distance("mean"), "low"),
-    metric("95 % are nearer than", "scan units", distance("p95"), "low"),
-    metric("Largest distance", "scan units", distance("max"), "low"),
-    metric("Resolution reached", "voxels", each((job) => job.result?.outcome.resolution), "none"),
-    metric("Triangles", "", each((job) => job.result?.faces), "none"),
-    metric("Time", "s", each((job) => job.timings.running_seconds), "low"),
+    metric("Mean distance to the scan", "scan units", distance("mean"), "low", significant),
+    metric("95 % are nearer than", "scan units", distance("p95"), "low", significant),
+    metric("Largest distance", "scan units", distance("max"), "low", significant),
+    metric("Resolution reached", "voxels", each((job) => job.result?.outcome.resolution), "none", count),
+    metric("Triangles", "", each((job) => job.result?.faces), "none", count),
+    metric("Time", "", each((job) => job.timings.running_seconds), "low", duration),
   ];
-}
-
-function metricText({ unit, name }: Metric, value: number | null): string {
-  if (value === null) return "–";
-  if (unit === "s") return duration(value);
-  return name.includes("istance") || name.includes("nearer") ? significant(value) : count(value);
 }
 
 export function SettingsTable({ jobs }: { jobs: readonly Job[] }) {
@@ -94,7 +89,9 @@ function Columns({ jobs, children }: { jobs: readonly Job[]; children: Component
             <td />
             {jobs.map((job) => (
               <th key={job.id} scope="col">
-                <a href={`/jobs/${job.id}`}>{jobName(job)}</a>
+                <a href={`/jobs/${job.id}`} title={jobName(job)}>
+                  <Name>{jobName(job)}</Name>
+                </a>
               </th>
             ))}
           </tr>

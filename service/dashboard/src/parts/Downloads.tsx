@@ -1,5 +1,5 @@
 /** The files that a job has left. */
-import { call, sentence } from "../api/http";
+import { artifactTrouble, call } from "../api/http";
 import type { Artifact, Job } from "../api/types";
 import { bytes } from "../logic/format";
 import { apiKey } from "../state/session";
@@ -17,7 +17,7 @@ export function Downloads({ job }: { job: Job }) {
       <ul class="downloads">
         {files.map((file) => (
           <li key={file.name}>
-            <a href={file.url} download={file.name} onClick={(event) => void withKey(event, file)}>
+            <a href={file.url} download={file.name} onClick={(event) => void download(event, file)}>
               <Icon name="down" /> {file.name}
             </a>
             <span class="muted small">{bytes(file.size)}</span>
@@ -33,17 +33,29 @@ function rank({ name }: Artifact): number {
   return place < 0 ? ORDER.length : place;
 }
 
-/** A link cannot carry the key, and an address must not; so with a key the file is fetched. */
-async function withKey(event: Event, file: Artifact): Promise<void> {
-  if (!apiKey.peek()) return;
+/**
+ * A link cannot carry the key, and an address must not; so with a key the file is fetched. Without
+ * one the browser loads it, once the server was asked whether it is still there.
+ */
+async function download(event: Event, file: Artifact): Promise<void> {
   event.preventDefault();
   try {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(await (await call(file.url)).blob());
-    link.download = file.name;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+    if (apiKey.peek()) {
+      const address = URL.createObjectURL(await (await call(file.url)).blob());
+      save(address, file.name);
+      setTimeout(() => URL.revokeObjectURL(address), 60_000);
+    } else {
+      await call(file.url, { method: "HEAD" });
+      save(file.url, file.name);
+    }
   } catch (error) {
-    say(sentence(error), "bad");
+    say(artifactTrouble(error), "bad");
   }
+}
+
+function save(address: string, name: string): void {
+  const link = document.createElement("a");
+  link.href = address;
+  link.download = name;
+  link.click();
 }

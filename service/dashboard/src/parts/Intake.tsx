@@ -2,11 +2,12 @@
 import { useRef } from "preact/hooks";
 import sample from "../../../../visco_core/samples/octopus.ply?url";
 import { SCAN_ENDINGS } from "../logic/files";
-import { bytes, percent } from "../logic/format";
+import { bytes, percent, plainName } from "../logic/format";
 import { online } from "../state/connection";
 import { again, chosen, giveUp, items, type Item } from "../state/intake";
 import { say } from "../state/toasts";
 import { Icon } from "./Icon";
+import { Name } from "./Name";
 import { takeFiles } from "./Shell";
 
 const ACCEPT = SCAN_ENDINGS.map((ending) => `.${ending}`).join();
@@ -70,14 +71,14 @@ export function ChosenFiles() {
     <ul class="files" aria-label="Chosen scans">
       {chosen.value.map((file) => (
         <li key={`${file.name}:${file.size}:${file.lastModified}`}>
-          <span class="grow clip" title={file.name}>
-            {file.name}
+          <span class="grow clip" title={plainName(file.name)}>
+            <Name>{file.name}</Name>
           </span>
           <span class="muted small">{bytes(file.size)}</span>
           <button
             type="button"
             class="button quiet icon-only"
-            aria-label={`Remove ${file.name}`}
+            aria-label={`Remove ${plainName(file.name)}`}
             onClick={() => (chosen.value = chosen.value.filter((one) => one !== file))}
           >
             <Icon name="close" />
@@ -107,8 +108,8 @@ function SentFile({ item }: { item: Item }) {
   return (
     <li>
       <span class="grow">
-        <span class="clip" style={{ display: "block" }} title={item.file.name}>
-          {item.file.name}
+        <span class="clip" style={{ display: "block" }} title={plainName(item.file.name)}>
+          <Name>{item.file.name}</Name>
         </span>
         {item.error && <span class="error">{item.error}</span>}
       </span>
@@ -118,7 +119,7 @@ function SentFile({ item }: { item: Item }) {
           <span
             class="bar"
             role="progressbar"
-            aria-label={`Upload of ${item.file.name}`}
+            aria-label={`Upload of ${plainName(item.file.name)}`}
             aria-valuemin={0}
             aria-valuemax={100}
             aria-valuenow={Math.floor(fraction * 100)}
@@ -141,7 +142,7 @@ function SentFile({ item }: { item: Item }) {
         <button
           type="button"
           class="button quiet icon-only"
-          aria-label={`Give up ${item.file.name}`}
+          aria-label={`Give up ${plainName(item.file.name)}`}
           onClick={() => giveUp(item.key)}
         >
           <Icon name="close" />

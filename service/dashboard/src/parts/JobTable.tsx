@@ -5,6 +5,7 @@ import { isActive, type Job } from "../api/types";
 import { ago, count, duration, jobName } from "../logic/format";
 import { rowsInView, type SortKey } from "../logic/listing";
 import { shown, view } from "../state/jobs";
+import { Name } from "./Name";
 import { ProgressBar, progressText, StatusBadge } from "./Status";
 import { Thumbnail } from "./Thumbnail";
 
@@ -125,10 +126,14 @@ function JobRow({ job, index, top, selected, onSelect }: RowProps) {
       </span>
       <span role="cell" class="two-lines name-cell">
         <a class="name clip" href={`/jobs/${job.id}`} title={name}>
-          {name}
+          <Name>{name}</Name>
         </a>
         <span class="muted small clip">
-          {job.label ? `${job.scan.name} · ` : ""}
+          {job.label && (
+            <>
+              <Name>{job.scan.name}</Name> ·{" "}
+            </>
+          )}
           {job.scan.points === null ? "" : `${count(job.scan.points)} points`}
         </span>
       </span>

@@ -54,9 +54,11 @@ export function KeyDialog() {
               Forget the key
             </button>
           )}
-          <button type="button" class="button quiet" onClick={() => dialog.current?.close()}>
-            Close
-          </button>
+          {apiKey.value && (
+            <button type="button" class="button quiet" onClick={() => dialog.current?.close()}>
+              Close
+            </button>
+          )}
         </div>
       </form>
     </dialog>

@@ -15,12 +15,21 @@ export function LogCard({ job, lines }: { job: Job; lines: readonly LogLine[] })
     <section class="card panel">
       <h2>Log</h2>
       <pre class="log" tabIndex={0} aria-label="Log">
-        {text || lines.map(lineText).join("\n") || "Nothing yet."}
+        {text ? withLocalTimes(text) : lines.map(lineText).join("\n") || "Nothing yet."}
       </pre>
     </section>
   );
 }
 
 function lineText({ at, text }: LogLine): string {
-  return `${new Date(at).toLocaleTimeString("en-GB")}  ${text}`;
+  return `${clock(at)}  ${text}`;
+}
+
+function clock(at: number | string): string {
+  return new Date(at).toLocaleTimeString("en-GB");
+}
+
+/** The stored log has dates in UTC, which leave a narrow card no room for what happened. */
+function withLocalTimes(log: string): string {
+  return log.replace(/^(\d{4}-\d\d-\d\dT\S+) /gm, (_, at: string) => `${clock(at)}  `);
 }

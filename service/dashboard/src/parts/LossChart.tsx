@@ -6,9 +6,11 @@ import type { LossPoint } from "../logic/history";
 const WIDTH = 310;
 const HEIGHT = 130;
 
-export function LossChart({ points }: { points: readonly LossPoint[] }) {
+export function LossChart({ points, ended }: { points: readonly LossPoint[]; ended: boolean }) {
   const { curves, ticks, levels } = chart(points, WIDTH, HEIGHT);
-  if (curves.length === 0) return <p class="muted">The curves begin with the first step.</p>;
+  if (curves.length === 0) {
+    return <p class="muted">{ended ? "The job ended before its first step." : "The curves begin with the first step."}</p>;
+  }
   return (
     <figure class="losses">
       <svg viewBox={`-44 -16 ${WIDTH + 48} ${HEIGHT + 24}`} role="img" aria-label={spoken(curves, points.length)}>

@@ -5,7 +5,7 @@ import { droppedFiles, sortFiles } from "../logic/files";
 import { online } from "../state/connection";
 import { choose } from "../state/intake";
 import { info } from "../state/jobs";
-import { navigate, path } from "../state/route";
+import { navigate, path, query } from "../state/route";
 import { apiKey, keyWanted } from "../state/session";
 import { isDark, toggleTheme } from "../state/theme";
 import { dismiss, say, toasts } from "../state/toasts";
@@ -118,12 +118,12 @@ function DropTarget() {
       if (isFiles(event)) setOver(--depth > 0);
     };
     const allow = (event: DragEvent) => isFiles(event) && event.preventDefault();
-    const drop = async (event: DragEvent) => {
+    const drop = (event: DragEvent) => {
       if (!event.dataTransfer || !isFiles(event)) return;
       event.preventDefault();
       depth = 0;
       setOver(false);
-      takeFiles(await droppedFiles(event.dataTransfer));
+      droppedFiles(event.dataTransfer).then(takeFiles, () => say("What was dropped could not be read.", "bad"));
     };
     const handlers = { dragenter: enter, dragleave: leave, dragover: allow, drop } as const;
     for (const [name, handler] of Object.entries(handlers)) addEventListener(name, handler as EventListener);
@@ -137,7 +137,10 @@ function DropTarget() {
 export function takeFiles(files: Iterable<File>): void {
   const { scans, others } = sortFiles(files);
   if (others > 0) say(`${others} ${others === 1 ? "file is" : "files are"} no scan and left out.`);
+  else if (scans.length === 0) say("There is no scan in it.");
   if (scans.length === 0) return;
   choose(scans);
-  navigate("/new");
+  // Settings that were already chosen there are kept.
+  const isThere = path.peek() === "/new" && !query.peek().has("retry");
+  if (!isThere) navigate("/new");
 }

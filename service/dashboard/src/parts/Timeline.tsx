@@ -1,6 +1,6 @@
 /** Where the time of the latest attempt went: one bar, a segment for each phase and level. */
 import { duration, phaseName, shortPhaseName } from "../logic/format";
-import { latestAttempt, phaseSeconds, type Segment } from "../logic/history";
+import { latestAttempt, phaseSeconds, type Segment, withWriting } from "../logic/history";
 
 interface Props {
   segments: readonly Segment[];
@@ -12,7 +12,8 @@ const SHORTEST_SHARE = 0.004;
 const SHORTEST_SECONDS = 0.005;
 
 export function Timeline({ segments, final }: Props) {
-  const shown = latestAttempt(segments);
+  const writing = final.find(({ name }) => name === "write")?.seconds ?? 0;
+  const shown = withWriting(latestAttempt(segments), writing);
   const first = shown[0];
   const last = shown.at(-1);
   if (!first || !last) return <p class="muted">The work has not begun.</p>;

@@ -2,6 +2,7 @@
 import type { ComponentType } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { isActive, type Job } from "../api/types";
+import { plainName } from "../logic/format";
 import type { ViewerProps } from "../viewer/Viewer";
 import { hasWebgl } from "../viewer/webgl";
 import { progressText } from "./Status";
@@ -10,23 +11,27 @@ import { pictureOf, useArtifactUrl } from "./Thumbnail";
 type Loaded = ComponentType<ViewerProps>;
 let kept: Loaded | undefined;
 
+const NOT_LOADED = "The viewer could not be loaded; reload the page to try again.";
+const NO_GRAPHICS = "The browser gives this page no graphics, so here is a picture.";
+
 export function ViewerFrame(props: ViewerProps) {
   const { job } = props;
   const [View, setView] = useState<Loaded | undefined>(() => kept);
-  const [failed, setFailed] = useState(false);
+  const [trouble, setTrouble] = useState("");
   const drawable = job.artifacts.some((artifact) => artifact.name.endsWith(".glb"));
   const wanted = hasWebgl() && drawable;
   useEffect(() => {
-    if (!wanted || View) return;
+    if (!wanted || View || trouble) return;
     import("../viewer/Viewer").then(
       (module) => setView(() => (kept = module.default)),
-      () => setFailed(true),
+      () => setTrouble(NOT_LOADED),
     );
-  }, [wanted, View]);
+  }, [wanted, View, trouble]);
   if (!drawable) return <Waiting job={job} />;
   if (!hasWebgl()) return <Picture job={job} why="This browser has no WebGL, so here is a picture." />;
-  if (failed) return <Picture job={job} why="The viewer could not be loaded; reload the page to try again." />;
-  return View ? <View {...props} /> : <p class="picture muted">Loading the viewer…</p>;
+  if (trouble) return <Picture job={job} why={trouble} onAgain={() => setTrouble("")} />;
+  if (!View) return <p class="picture muted">Loading the viewer…</p>;
+  return <View {...props} onBroken={() => setTrouble(NO_GRAPHICS)} />;
 }
 
 function Waiting({ job }: { job: Job }) {
@@ -40,12 +45,22 @@ function Waiting({ job }: { job: Job }) {
   return <Picture job={job} why={job.status === "succeeded" ? "This job was asked for no GLB." : ""} />;
 }
 
-function Picture({ job, why }: { job: Job; why: string }) {
+function Picture({ job, why, onAgain }: { job: Job; why: string; onAgain?: () => void }) {
   const source = useArtifactUrl(pictureOf(job));
+  const [broken, setBroken] = useState(false);
+  useEffect(() => setBroken(false), [source]);
+  const visible = source && !broken;
   return (
     <div class="picture">
-      {source ? <img src={source} alt={`The surface of ${job.scan.name}`} /> : null}
-      <p class="muted">{why || (source ? "" : "There is no surface to show.")}</p>
+      {visible && (
+        <img src={source} alt={`The surface of ${plainName(job.scan.name)}`} onError={() => setBroken(true)} />
+      )}
+      <p class="muted">{why || (visible ? "" : "There is no surface to show.")}</p>
+      {onAgain && (
+        <button type="button" class="button" onClick={onAgain}>
+          Try again
+        </button>
+      )}
     </div>
   );
 }

@@ -1,12 +1,11 @@
 /** The scale of the colors, with how many vertices have each. */
 import { percent, significant } from "../logic/format";
 import { cssColorAt } from "./colormap";
-import type { Summary } from "./statistics";
-import { histogram } from "./statistics";
+import { histogram, type Summary } from "./statistics";
 
 const BINS = 40;
 
-interface Props {
+export interface Scale {
   title: string;
   unit: string;
   values: Float32Array;
@@ -17,14 +16,14 @@ interface Props {
   onEnd?: (end: number | null) => void;
 }
 
-export function Legend({ title, unit, values, summary, low, high, onEnd }: Props) {
+export function Legend({ title, unit, values, summary, low, high, onEnd }: Scale) {
   const counts = histogram(values, low, high, BINS);
   const most = Math.max(...counts, 1);
   const beyond = values.reduce((sum, value) => sum + (value > high ? 1 : 0), 0) / (values.length || 1);
   return (
     <figure class="viewer-panel legend">
       <figcaption>{title}</figcaption>
-      {unit && <p class="muted">{unit}</p>}
+      <p class="muted">{unit}</p>
       <svg viewBox={`0 0 ${BINS * 6} 48`} role="img" aria-label={`Histogram: mean ${significant(summary.mean)}`}>
         {counts.map((count, bin) => (
           <rect
@@ -45,7 +44,7 @@ export function Legend({ title, unit, values, summary, low, high, onEnd }: Props
       <div class="row ends">
         <span>{significant(low)}</span>
         <span class="grow" />
-        <span>{significant(high)}</span>
+        {onEnd ? <End high={high} onEnd={onEnd} /> : <span>{significant(high)}</span>}
       </div>
       {onEnd && (
         <input
@@ -71,5 +70,24 @@ export function Legend({ title, unit, values, summary, low, high, onEnd }: Props
       </dl>
       {beyond > 0 && <p class="muted">{beyond < 0.01 ? "Under 1 %" : percent(beyond)} above the scale</p>}
     </figure>
+  );
+}
+
+/** A tolerance is typed; empty goes back to what the data suggest. */
+function End({ high, onEnd }: { high: number; onEnd: (end: number | null) => void }) {
+  const take = (text: string) => {
+    const value = Number(text);
+    if (text.trim() === "") onEnd(null);
+    else if (value > 0 && Number.isFinite(value)) onEnd(value);
+  };
+  return (
+    <input
+      class="input end"
+      aria-label="Colors end at"
+      inputMode="decimal"
+      autocomplete="off"
+      value={significant(high)}
+      onChange={(event) => take(event.currentTarget.value)}
+    />
   );
 }

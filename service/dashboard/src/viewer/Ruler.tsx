@@ -1,14 +1,20 @@
 /** Two picked places, the line between them and its length in scan units. */
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import type { Vector3 } from "three";
 import { significant } from "../logic/format";
+import type { Vector } from "./glb";
+import type { ViewSettings } from "./settings";
 import type { Stage } from "./stage";
 
 const CLICK_PIXELS = 5;
 
-export function Ruler({ stage, canvas }: { stage: Stage; canvas: HTMLCanvasElement }) {
-  const places = useSignal<Vector3[]>([]);
+interface Props {
+  stage: Stage;
+  canvas: HTMLCanvasElement;
+  settings: ViewSettings;
+}
+
+export function Ruler({ stage, canvas, settings: { places } }: Props) {
   // Grows with every drawing, because the camera then may have moved.
   const drawn = useSignal(0);
   useEffect(() => {
@@ -26,12 +32,12 @@ export function Ruler({ stage, canvas }: { stage: Stage; canvas: HTMLCanvasEleme
       if (event.key === "Enter") add(canvas.clientWidth / 2, canvas.clientHeight / 2);
       if (event.key === "Escape") places.value = [];
     };
-    stage.onDraw = () => (drawn.value += 1);
+    const stopWatching = stage.watch(() => (drawn.value += 1));
     canvas.addEventListener("pointerdown", press);
     canvas.addEventListener("pointerup", release);
     canvas.addEventListener("keydown", key);
     return () => {
-      stage.onDraw = () => undefined;
+      stopWatching();
       canvas.removeEventListener("pointerdown", press);
       canvas.removeEventListener("pointerup", release);
       canvas.removeEventListener("keydown", key);
@@ -39,8 +45,7 @@ export function Ruler({ stage, canvas }: { stage: Stage; canvas: HTMLCanvasEleme
   }, [stage, canvas]);
   void drawn.value;
   const [from, to] = places.value.map((place) => stage.project(place));
-  const length =
-    places.value.length === 2 ? places.value[0]!.distanceTo(places.value[1]!) * (stage.frame?.size ?? 1) : null;
+  const length = lengthOf(places.value);
   return (
     <>
       <svg class="ruler" aria-hidden="true">
@@ -50,7 +55,7 @@ export function Ruler({ stage, canvas }: { stage: Stage; canvas: HTMLCanvasEleme
       </svg>
       <p class="viewer-panel ruler-text" role="status">
         {length === null ? (
-          places.value.length === 0 ? "Click two points (or aim at the cross and press Enter)" : "Click the second point"
+          from ? "Click the second point" : "Click two points (or aim at the cross and press Enter)"
         ) : (
           <>
             <strong>{significant(length, 4)}</strong> scan units
@@ -59,6 +64,11 @@ export function Ruler({ stage, canvas }: { stage: Stage; canvas: HTMLCanvasEleme
       </p>
     </>
   );
+}
+
+/** In scan units, once there are two places. */
+export function lengthOf([from, to]: readonly Vector[]): number | null {
+  return from && to ? Math.hypot(to[0] - from[0], to[1] - from[1], to[2] - from[2]) : null;
 }
 
 function crossAt(x: number, y: number): string {

@@ -1,8 +1,10 @@
 /** The viewer's buttons. */
+import type { Signal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
 import { Icon } from "../parts/Icon";
 import type { Mode } from "./materials";
-import type { Model } from "./model";
 import type { ViewSettings } from "./settings";
+import { type Up, upName, UPS } from "./up";
 
 const MODE_NAMES: Record<Mode, string> = {
   shaded: "Shaded",
@@ -15,32 +17,42 @@ const MODE_NAMES: Record<Mode, string> = {
 
 interface Props {
   settings: ViewSettings;
-  model: Model;
+  /** What the surface can be shown as; empty without a surface. */
+  modes: readonly Mode[];
+  mode: Mode;
+  hasScan: boolean;
+  up: Up;
+  onUp(up: Up): void;
+  /** Further buttons before those at the end. */
+  children?: ComponentChildren;
   onFit(): void;
-  onSnapshot(): void;
+  onWhole(): void;
+  onSnapshot?(): void;
 }
 
-export function Toolbar({ settings, model, onFit, onSnapshot }: Props) {
-  const hasScan = model.scan.value !== null;
+export function Toolbar({ settings, modes, mode, hasScan, up, onUp, children, onFit, onWhole, onSnapshot }: Props) {
+  const hasMesh = modes.length > 0;
   return (
     <div class="viewer-tools" role="toolbar" aria-label="Viewer">
-      <label>
-        <span class="unseen">Surface shown as</span>
-        <select
-          class="input"
-          value={settings.mode.value ?? (model.mesh.value?.colors ? "colors" : "shaded")}
-          onChange={(event) => (settings.mode.value = event.currentTarget.value as Mode)}
-        >
-          {modesOf(model).map((mode) => (
-            <option key={mode} value={mode}>
-              {MODE_NAMES[mode]}
-            </option>
-          ))}
-        </select>
-      </label>
-      <Toggle on={settings.mesh}>Surface</Toggle>
-      {hasScan && <Toggle on={settings.scan}>Scan</Toggle>}
-      <Toggle on={settings.wires}>Wireframe</Toggle>
+      {hasMesh && (
+        <label>
+          <span class="unseen">Surface shown as</span>
+          <select
+            class="input"
+            value={mode}
+            onChange={(event) => (settings.mode.value = event.currentTarget.value as Mode)}
+          >
+            {modes.map((one) => (
+              <option key={one} value={one}>
+                {MODE_NAMES[one]}
+              </option>
+            ))}
+          </select>
+        </label>
+      )}
+      {hasMesh && <Toggle on={settings.mesh}>Surface</Toggle>}
+      {hasMesh && hasScan && <Toggle on={settings.scan}>Scan</Toggle>}
+      {hasMesh && <Toggle on={settings.wires}>Wireframe</Toggle>}
       <button
         type="button"
         class="button"
@@ -49,32 +61,43 @@ export function Toolbar({ settings, model, onFit, onSnapshot }: Props) {
       >
         Section
       </button>
-      <Toggle on={settings.ruler}>Measure</Toggle>
+      {children}
       <span class="grow" />
-      <button type="button" class="button icon-only" aria-label="Fit the view" title="Fit the view (F)" onClick={onFit}>
-        <Icon name="home" />
-      </button>
-      <button type="button" class="button icon-only" aria-label="Save a picture" title="Save a picture" onClick={onSnapshot}>
-        <Icon name="camera" />
-      </button>
+      <label title="For the view alone; the files follow the job's setting">
+        <span class="unseen">Up in the view</span>
+        <select class="input" value={up} onChange={(event) => onUp(event.currentTarget.value as Up)}>
+          {UPS.map((one) => (
+            <option key={one} value={one}>
+              {upName(one)} up
+            </option>
+          ))}
+        </select>
+      </label>
+      <Action label="Fit the view" hint="Fit the view (F)" icon="fit" onClick={onFit} />
+      {document.fullscreenEnabled && (
+        <Action label="Whole screen" hint="Whole screen" icon="whole" onClick={onWhole} />
+      )}
+      {onSnapshot && <Action label="Save a picture" hint="Save a picture" icon="camera" onClick={onSnapshot} />}
     </div>
   );
 }
 
-/** The modes that the loaded mesh can be shown in. */
-function modesOf(model: Model): Mode[] {
-  const mesh = model.mesh.value;
-  return [
-    "shaded",
-    "facets",
-    "normals",
-    ...(mesh?.colors ? ["colors" as const] : []),
-    ...(mesh && model.scan.value ? ["error" as const] : []),
-    ...(mesh?.attributes["CONFIDENCE"] ? ["confidence" as const] : []),
-  ];
+interface ActionProps {
+  label: string;
+  hint: string;
+  icon: "fit" | "whole" | "camera";
+  onClick(): void;
 }
 
-function Toggle({ on, children }: { on: { value: boolean }; children: string }) {
+function Action({ label, hint, icon, onClick }: ActionProps) {
+  return (
+    <button type="button" class="button icon-only" aria-label={label} title={hint} onClick={onClick}>
+      <Icon name={icon} />
+    </button>
+  );
+}
+
+export function Toggle({ on, children }: { on: Signal<boolean>; children: string }) {
   return (
     <button type="button" class="button" aria-pressed={on.value} onClick={() => (on.value = !on.value)}>
       {children}
@@ -124,4 +147,10 @@ export function SectionPanel({ settings }: { settings: ViewSettings }) {
       />
     </div>
   );
+}
+
+/** Let an element fill the screen, or no longer. */
+export function toggleWhole(element: HTMLElement | null): void {
+  if (document.fullscreenElement) void document.exitFullscreen();
+  else void element?.requestFullscreen();
 }

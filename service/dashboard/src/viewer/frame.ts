@@ -4,10 +4,7 @@
  */
 import { Matrix4, Vector3 } from "three";
 import { type Geometry, sizeOf, type Vector } from "./glb";
-
-/** Which way of the scan points up. */
-export const UPS = ["x", "y", "z", "-x", "-y", "-z"] as const;
-export type Up = (typeof UPS)[number];
+import type { Up } from "./up";
 
 // Rows of the rotation that turns the way up to +y; the glTF files have the first three.
 const TO_Y_UP: Record<Up, readonly [Vector, Vector, Vector]> = {

@@ -81,6 +81,18 @@ export function readGlb(file: ArrayBuffer): Geometry {
   };
 }
 
+/** The points in the first `loaded` bytes of a file, or null before there are any. */
+export function pointsSoFar(file: ArrayBuffer, loaded: number): Geometry | null {
+  const jsonEnd = loaded < 20 ? Infinity : 20 + new DataView(file).getUint32(12, true);
+  if (loaded < jsonEnd) return null;
+  const whole = readGlb(file);
+  const { positions, colors } = whole;
+  const count = Math.min(positions.length / 3, Math.floor((loaded - positions.byteOffset) / 12));
+  if (count <= 0) return null;
+  const colored = colors && colors.byteOffset + colors.byteLength <= loaded;
+  return { ...whole, positions: positions.subarray(0, 3 * count), colors: colored ? colors : null };
+}
+
 function arrayOf(document: Document, accessor: Accessor, file: ArrayBuffer, start: number) {
   const view = document.bufferViews[accessor.bufferView]!;
   const kind = ARRAYS[accessor.componentType as keyof typeof ARRAYS];

@@ -35,8 +35,23 @@ const VERTEX = `
 
 /**
  * A studio that moves with the eye, so that no side is ever dark: a key light from the upper left,
- * a weaker one from the right, a rim from behind, a sky. Edges are lighter and grooves darker than
- * light alone would make them (after "cavity" in sculpting programs), which shows a scan's detail.
+ * a weaker one from the right, a rim from behind, a sky.
+ */
+export const STUDIO = `
+  const vec3 KEY = vec3(-0.407, 0.610, 0.680);
+  const vec3 FILL = vec3(0.873, -0.097, 0.478);
+  const vec3 RIM = vec3(0.302, 0.402, -0.864);
+
+  vec3 studio(vec3 normal) {
+    vec3 light = mix(vec3(0.13, 0.125, 0.12), vec3(0.30, 0.31, 0.33), normal.y * 0.5 + 0.5);
+    light += vec3(0.70, 0.68, 0.65) * max(dot(normal, KEY), 0.0);
+    light += vec3(0.17, 0.19, 0.21) * max(dot(normal, FILL), 0.0);
+    return light + vec3(0.35) * max(dot(normal, RIM), 0.0);
+  }`;
+
+/**
+ * Edges are lighter and grooves darker than light alone would make them (after "cavity" in
+ * sculpting programs), which shows a scan's detail.
  *
  * Back faces belong to the inside, which has a color of its own. At the outline of a closed surface
  * some of them are seen by a hair; those are shaded like their neighbors in front.
@@ -49,9 +64,7 @@ const FRAGMENT = `
   uniform vec3 surface;
   uniform vec3 inside;
   const float HAIR = 0.15;
-  const vec3 KEY = vec3(-0.407, 0.610, 0.680);
-  const vec3 FILL = vec3(0.873, -0.097, 0.478);
-  const vec3 RIM = vec3(0.302, 0.402, -0.864);
+  ${STUDIO}
 
   void main() {
     #include <clipping_planes_fragment>
@@ -76,12 +89,8 @@ const FRAGMENT = `
     if (isInside) albedo = inside;
     float bend = dFdx(normal).x + dFdy(normal).y;
     albedo *= 1.0 + clamp(CAVITY * bend, -0.3, 0.25);
-    vec3 light = mix(vec3(0.13, 0.125, 0.12), vec3(0.30, 0.31, 0.33), normal.y * 0.5 + 0.5);
-    light += vec3(0.70, 0.68, 0.65) * max(dot(normal, KEY), 0.0);
-    light += vec3(0.17, 0.19, 0.21) * max(dot(normal, FILL), 0.0);
-    light += vec3(0.35) * max(dot(normal, RIM), 0.0);
     float shine = pow(max(dot(normal, normalize(KEY + eye)), 0.0), 32.0);
-    gl_FragColor = vec4(albedo * light + SHINE * shine, 1.0);
+    gl_FragColor = vec4(albedo * studio(normal) + SHINE * shine, 1.0);
     #include <colorspace_fragment>
   }`;
 

@@ -1,10 +1,10 @@
 /** What a job has to show: its best mesh so far and its scan, loaded as they appear. */
-import { computed, signal } from "@preact/signals";
-import { call, Refused, sentence } from "../api/http";
+import { batch, computed, signal } from "@preact/signals";
+import { artifactTrouble, call, Refused } from "../api/http";
 import { type Artifact, isActive, type Job } from "../api/types";
 import { whenOnline } from "../state/connection";
 import { DistanceMeter } from "./distances";
-import { type Geometry, readGlb, triangleCount } from "./glb";
+import { type Geometry, pointsSoFar, readGlb, triangleCount } from "./glb";
 import { type Summary, summarize } from "./statistics";
 
 export interface Measured {
@@ -12,9 +12,16 @@ export interface Measured {
   summary: Summary;
 }
 
+/** Told of a file of which so many bytes have come. */
+type OnPart = (file: ArrayBuffer, loaded: number) => void;
+
+const FIRST_PART_BYTES = 1_000_000;
+
 export class Model {
   readonly mesh = signal<Geometry | null>(null);
+  /** Grows while it is loaded. */
   readonly scan = signal<Geometry | null>(null);
+  readonly scanIsWhole = signal(false);
   /** Name of the artifact that is shown as the mesh. */
   readonly shown = signal("");
   /** Share of the file that is loading, or null. */
@@ -23,6 +30,7 @@ export class Model {
   readonly error = signal<Measured | null>(null);
   readonly measuring = signal(false);
   readonly triangles = computed(() => (this.mesh.value ? triangleCount(this.mesh.value) : 0));
+  readonly upAxis = computed(() => (this.mesh.value ?? this.scan.value)?.upAxis ?? "z");
   private readonly stopper = new AbortController();
   private meter: DistanceMeter | null = null;
   private meshSum = "";
@@ -36,13 +44,10 @@ export class Model {
 
   /** Compute the distances to the scan, if both are there and it was not done. */
   async measure(): Promise<void> {
-    const [mesh, scan] = [this.mesh.peek(), this.scan.peek()];
-    if (!mesh || !scan || this.error.peek() || this.measuring.peek()) return;
-    this.measuring.value = true;
-    this.meter ??= new DistanceMeter(scan, scan.offset);
-    const values = await this.meter.measure(mesh);
-    this.measuring.value = false;
-    if (mesh === this.mesh.peek()) this.error.value = { values, summary: summarize(values) };
+    const mesh = this.mesh.peek();
+    if (!mesh || !this.scanIsWhole.peek() || this.error.peek() || this.measuring.peek()) return;
+    const measured = await this.measured(mesh);
+    if (mesh === this.mesh.peek()) this.error.value = measured;
     else await this.measure();
   }
 
@@ -57,7 +62,14 @@ export class Model {
     const scan = job.artifacts.find((one) => one.name === "scan.glb");
     if (!scan || scan.sha256 === this.scanSum) return;
     this.scanSum = scan.sha256;
-    this.scan.value = await this.fetch(scan);
+    const whole = await this.fetch(scan, (file, loaded) => {
+      this.scan.value = pointsSoFar(file, loaded) ?? this.scan.peek();
+    });
+    if (!whole) return;
+    batch(() => {
+      this.scan.value = whole;
+      this.scanIsWhole.value = true;
+    });
   }
 
   private async loadMesh(job: Job): Promise<void> {
@@ -66,22 +78,35 @@ export class Model {
       const geometry = await this.fetch(artifact);
       if (!geometry) continue;
       this.meshSum = artifact.sha256;
-      this.error.value = null;
-      this.mesh.value = geometry;
-      this.shown.value = artifact.name;
-      this.trouble.value = "";
+      // Distances that are on show stay there until those of the new mesh can take their place.
+      const error = this.error.peek() ? await this.measured(geometry) : null;
+      batch(() => {
+        this.error.value = error;
+        this.mesh.value = geometry;
+        this.shown.value = artifact.name;
+        this.trouble.value = "";
+      });
     }
   }
 
-  private async fetch(artifact: Artifact): Promise<Geometry | null> {
+  private async measured(mesh: Geometry): Promise<Measured> {
+    const scan = this.scan.peek()!;
+    this.measuring.value = true;
+    this.meter ??= new DistanceMeter(scan, scan.offset);
+    const values = await this.meter.measure(mesh);
+    this.measuring.value = false;
+    return { values, summary: summarize(values) };
+  }
+
+  private async fetch(artifact: Artifact, onPart?: OnPart): Promise<Geometry | null> {
     for (;;) {
       try {
         this.loading.value = 0;
-        return readGlb(await this.download(artifact));
+        return readGlb(await this.download(artifact, onPart));
       } catch (error) {
         if (this.stopper.signal.aborted) throw error;
         if (error instanceof Refused || !isNetworkTrouble(error)) {
-          this.trouble.value = troubleOf(error);
+          this.trouble.value = artifactTrouble(error);
           return null;
         }
         await whenOnline(500, this.stopper.signal);
@@ -91,11 +116,12 @@ export class Model {
     }
   }
 
-  private async download(artifact: Artifact): Promise<ArrayBuffer> {
+  private async download(artifact: Artifact, onPart?: OnPart): Promise<ArrayBuffer> {
     const answer = await call(artifact.url, { signal: this.stopper.signal });
     const whole = new Uint8Array(artifact.size);
     const reader = answer.body!.getReader();
     let at = 0;
+    let nextPart = FIRST_PART_BYTES;
     for (;;) {
       const { done, value } = await reader.read();
       if (done) break;
@@ -103,6 +129,9 @@ export class Model {
       whole.set(value, at);
       at += value.length;
       this.loading.value = at / artifact.size;
+      if (at < nextPart || at === whole.length) continue;
+      nextPart = 2 * at;
+      onPart?.(whole.buffer, at);
     }
     if (at < whole.length) throw new TypeError("The connection was cut.");
     return whole.buffer;
@@ -111,11 +140,6 @@ export class Model {
 
 function isNetworkTrouble(error: unknown): boolean {
   return error instanceof TypeError || (error as Error).message.includes("cannot be reached");
-}
-
-function troubleOf(error: unknown): string {
-  const gone = error instanceof Refused && (error.status === 404 || error.status === 410);
-  return gone ? "The files of this job have expired. Retry it to make them again." : sentence(error);
 }
 
 /**

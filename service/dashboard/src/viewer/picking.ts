@@ -3,9 +3,8 @@
  * takes as long as a frame whatever the number of triangles, and sees points and sections alike.
  */
 import {
-  Color,
+  DoubleSide,
   FloatType,
-  type Object3D,
   type PerspectiveCamera,
   type Plane,
   type Scene,
@@ -38,7 +37,7 @@ const FRAGMENT = `
 /** The world position seen at pixel (x, y) of a canvas of the given size, or null. */
 export function pick(
   renderer: WebGLRenderer,
-  scene: Scene,
+  scenes: readonly Scene[],
   camera: PerspectiveCamera,
   planes: Plane[],
   { x, y, width, height }: { x: number; y: number; width: number; height: number },
@@ -50,37 +49,23 @@ export function pick(
     uniforms: { pointSize: { value: 6 } },
     clipping: true,
     clippingPlanes: planes,
-    side: 2,
+    side: DoubleSide,
   });
-  const before = { override: scene.overrideMaterial, background: scene.background };
-  const clear = renderer.getClearColor(new Color());
-  const alpha = renderer.getClearAlpha();
-  const unmeasured = hideHelpers(scene);
-  scene.overrideMaterial = material;
-  scene.background = null;
   camera.setViewOffset(width, height, Math.floor(x), Math.floor(y), 1, 1);
   renderer.setRenderTarget(target);
-  renderer.setClearColor(0, 0);
   renderer.clear();
-  renderer.render(scene, camera);
+  renderer.autoClear = false;
+  for (const scene of scenes) {
+    scene.overrideMaterial = material;
+    renderer.render(scene, camera);
+    scene.overrideMaterial = null;
+  }
+  renderer.autoClear = true;
   const pixel = new Float32Array(4);
   renderer.readRenderTargetPixels(target, 0, 0, 1, 1, pixel);
   renderer.setRenderTarget(null);
-  renderer.setClearColor(clear, alpha);
   camera.clearViewOffset();
-  scene.overrideMaterial = before.override;
-  scene.background = before.background;
-  for (const object of unmeasured) object.visible = true;
   target.dispose();
   material.dispose();
   return pixel[3] === 1 ? new Vector3(pixel[0], pixel[1], pixel[2]) : null;
-}
-
-function hideHelpers(scene: Scene): Object3D[] {
-  const hidden: Object3D[] = [];
-  scene.traverseVisible((object) => {
-    if (object.userData["helper"]) hidden.push(object);
-  });
-  for (const object of hidden) object.visible = false;
-  return hidden;
 }

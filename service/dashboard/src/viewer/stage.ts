@@ -1,24 +1,14 @@
 /** The scene behind one canvas. It draws when something has changed, and only then. */
-import {
-  AmbientLight,
-  BufferAttribute,
-  BufferGeometry,
-  DirectionalLight,
-  HemisphereLight,
-  type Material,
-  Mesh,
-  PerspectiveCamera,
-  Plane,
-  Points,
-  Scene,
-  Vector3,
-  WebGLRenderer,
-} from "three";
+import { type Box3, PerspectiveCamera, Plane, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
+import { Eye, OBLIQUE } from "./camera";
+import { EyeDome } from "./eyedome";
 import { Frame } from "./frame";
 import type { Geometry, Vector } from "./glb";
-import { type Mode, pointMaterial, surfaceMaterial, wireMaterial } from "./materials";
+import { FrameTimer, Pace } from "./pace";
 import { pick } from "./picking";
+import { Scenery, type Shown } from "./scenery";
+import type { Up } from "./up";
 
 export interface Section {
   axis: 0 | 1 | 2;
@@ -27,158 +17,199 @@ export interface Section {
   flipped: boolean;
 }
 
+/** In scan coordinates. */
 export interface Pose {
   position: Vector;
   target: Vector;
 }
 
-const FRONT = new Vector3(0.62, 0.42, 1).normalize();
-// Above this many points, moving draws a share of them; they come in random order.
-const POINTS_WHILE_MOVING = 500_000;
-const SLOW_FRAME_MILLISECONDS = 40;
+// After so long without a movement everything is drawn again.
+const REST_MILLISECONDS = 200;
 
 export class Stage {
-  readonly camera = new PerspectiveCamera(32, 1, 0.01, 100);
-  readonly controls: OrbitControls;
   frame: Frame | null = null;
   onPose: (pose: Pose) => void = () => undefined;
-  onDraw: () => void = () => undefined;
+  /** The browser took the graphics away, or gave them back. */
+  onLost: () => void = () => undefined;
+  onRestored: () => void = () => undefined;
   private readonly renderer: WebGLRenderer;
-  private readonly scene = new Scene();
-  private readonly surface = new Mesh(new BufferGeometry());
-  private readonly wires = new Mesh(new BufferGeometry());
-  private readonly cloud = new Points(new BufferGeometry());
+  private readonly eye: Eye;
+  private readonly scenery = new Scenery();
+  private readonly eyeDome = new EyeDome();
+  private readonly timer: FrameTimer;
+  private readonly pace = new Pace();
+  private readonly watchers = new Set<() => void>();
+  private readonly stopper = new AbortController();
+  private mesh: Geometry | null = null;
+  private first: Geometry | null = null;
+  private up: Up | null;
+  private section: Section | null = null;
   private planes: Plane[] = [];
-  private mode: Mode = "shaded";
+  /** Set until the view is turned: then another size of the canvas asks for another distance. */
+  private fitted: { from: Up | null } | null = null;
+  private coarser: Worker | null = null;
   private requested = 0;
-  private moving = false;
+  private held = false;
+  private movedAt = -Infinity;
+  private drawnAt = -Infinity;
+  private resting: ReturnType<typeof setTimeout> | undefined;
   private silent = false;
-  private lastDraw = 0;
+  /** What was just uploaded is slow to draw once, which says nothing. */
+  private fresh = true;
+  private readonly awaited: Pose | null;
 
-  constructor(private readonly canvas: HTMLCanvasElement) {
+  /** `pose`: where to look from at first, rather than at the whole. Throws without WebGL. */
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    { up, pose }: { up: Up | null; pose: Pose | null },
+  ) {
+    this.up = up;
+    this.awaited = pose;
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
     this.renderer.localClippingEnabled = true;
     this.renderer.setClearColor(0, 0);
-    this.scene.add(this.surface, this.wires, this.cloud, this.camera, ...lights(this.camera));
-    for (const object of [this.surface, this.wires, this.cloud]) {
-      object.matrixAutoUpdate = false;
-      object.frustumCulled = false;
-      object.visible = false;
-    }
-    this.wires.userData["helper"] = true;
-    this.controls = new OrbitControls(this.camera, canvas);
-    this.controls.enableDamping = !matchMedia("(prefers-reduced-motion: reduce)").matches;
-    this.controls.dampingFactor = 0.12;
-    this.controls.addEventListener("change", () => this.moved());
-    this.controls.addEventListener("start", () => (this.moving = true));
-    this.controls.addEventListener("end", () => {
-      this.moving = false;
-      this.resize();
+    this.timer = new FrameTimer(this.renderer.getContext() as WebGL2RenderingContext);
+    const camera = new PerspectiveCamera(32, 1, 0.01, 100);
+    const controls = new OrbitControls(camera, canvas);
+    this.eye = new Eye(camera, controls);
+    controls.enableDamping = !matchMedia("(prefers-reduced-motion: reduce)").matches;
+    controls.zoomToCursor = true;
+    controls.addEventListener("change", () => this.moved());
+    controls.addEventListener("start", () => {
+      this.held = true;
+      this.fitted = null;
     });
-    this.restyle();
+    controls.addEventListener("end", () => {
+      this.held = false;
+      this.moved();
+    });
+    const { signal } = this.stopper;
+    canvas.addEventListener("webglcontextlost", () => this.onLost(), { signal });
+    canvas.addEventListener("webglcontextrestored", () => this.restored(), { signal });
     this.fit();
   }
 
   /** Shows another mesh; the camera stays unless this is the first thing to be seen. */
   setMesh(geometry: Geometry | null): void {
-    replace(this.surface, geometry && bufferOf(geometry));
-    this.wires.geometry = this.surface.geometry;
-    this.place(geometry, this.surface, this.wires);
+    this.coarser?.terminate();
+    this.coarser = null;
+    this.mesh = geometry;
+    this.scenery.setMesh(geometry);
+    this.place(geometry);
   }
 
   setScan(geometry: Geometry | null): void {
-    replace(this.cloud, geometry && bufferOf(geometry));
-    this.place(geometry, this.cloud);
-    this.restyle();
+    this.scenery.setScan(geometry);
+    this.place(geometry);
   }
 
   /** Colors of the vertices, normalized; null takes the scan's own. */
   paint(colors: Uint16Array | null): void {
-    const { attributes } = this.surface.geometry;
-    const own = attributes["ownColor"];
-    if (colors) this.surface.geometry.setAttribute("color", new BufferAttribute(colors, 3, true));
-    else if (own) this.surface.geometry.setAttribute("color", own);
-    else this.surface.geometry.deleteAttribute("color");
+    this.scenery.paint(colors);
     this.draw();
   }
 
-  show(what: { mesh: boolean; scan: boolean; wires: boolean; mode: Mode }): void {
-    this.surface.visible = what.mesh && hasPoints(this.surface.geometry);
-    this.wires.visible = this.surface.visible && what.wires;
-    this.cloud.visible = what.scan && hasPoints(this.cloud.geometry);
-    if (what.mode !== this.mode) {
-      this.mode = what.mode;
-      this.restyle();
-    }
-    this.draw();
+  show(what: Shown): void {
+    this.scenery.show(what);
+    this.cut(this.section);
   }
 
   cut(section: Section | null): void {
-    const had = this.planes.length;
-    this.planes = section ? [planeOf(section)] : [];
-    if (had !== this.planes.length) this.restyle();
-    else for (const one of this.materials()) one.clippingPlanes = this.planes;
+    if (section !== this.section) this.movedAt = performance.now();
+    this.section = section;
+    this.planes = section ? [planeOf(section, this.scenery.bounds())] : [];
+    this.scenery.cut(this.planes);
     this.draw();
   }
 
-  fit(): void {
-    const aspect = this.camera.aspect;
-    const distance = 1.75 / Math.min(1, aspect) / (2 * Math.tan((this.camera.fov * Math.PI) / 360));
-    this.controls.target.set(0, 0, 0);
-    this.camera.position.copy(FRONT).multiplyScalar(distance * 0.7);
-    this.controls.update();
+  /** Which way of the scan points up; null: the way that its file says. */
+  setUp(up: Up | null): void {
+    if (up === this.up) return;
+    this.up = up;
+    if (!this.first) return;
+    this.frame = new Frame(this.first, up ?? undefined);
+    this.scenery.place(this.frame);
+    this.cut(this.section);
+    this.fit();
+  }
+
+  /** Look at everything, from the corner or from one of the scan's sides. */
+  fit(from: Up | null = null): void {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    if (width > 0 && height > 0) this.eye.camera.aspect = width / height;
+    const direction = from && this.frame ? this.frame.direction(from) : OBLIQUE.clone();
+    // Seen from straight above, the front is below.
+    if (Math.abs(direction.y) > 0.9) direction.z += 1e-4;
+    this.eye.fit(this.scenery.somePlaces(), direction);
+    this.fitted = { from };
     this.moved();
   }
 
-  /** Turn by angles in radians, or come closer by a factor; for the keyboard. */
-  nudge(around: number, up: number, closer = 1): void {
-    const arm = this.camera.position.clone().sub(this.controls.target);
-    const polar = Math.min(3.1, Math.max(0.04, Math.acos(arm.y / arm.length()) - up));
-    const azimuth = Math.atan2(arm.x, arm.z) + around;
-    this.camera.position.setFromSphericalCoords(arm.length() / closer, polar, azimuth);
-    this.camera.position.add(this.controls.target);
-    this.controls.update();
+  turn(around: number, up: number, closer = 1): void {
+    this.fitted = null;
+    this.eye.turn(around, up, closer);
+    this.moved();
+  }
+
+  shift(right: number, up: number): void {
+    this.fitted = null;
+    this.eye.shift(right, up);
+    this.moved();
+  }
+
+  /** Turn around what is seen at a point of the canvas, if anything is. */
+  centreOn(x: number, y: number): void {
+    const place = this.pick(x, y);
+    if (!place || !this.frame) return;
+    this.fitted = null;
+    this.eye.lookAt(this.frame.fromScan(place));
     this.moved();
   }
 
   get pose(): Pose | null {
     if (!this.frame) return null;
-    return {
-      position: this.frame.toScan(this.camera.position),
-      target: this.frame.toScan(this.controls.target),
-    };
+    const { camera, controls } = this.eye;
+    return { position: this.frame.toScan(camera.position), target: this.frame.toScan(controls.target) };
   }
 
   /** Look from where another viewer looks, without telling it back. */
   takePose(pose: Pose): void {
     if (!this.frame) return;
+    const { camera, controls } = this.eye;
     this.silent = true;
-    this.camera.position.copy(this.frame.fromScan(pose.position));
-    this.controls.target.copy(this.frame.fromScan(pose.target));
-    this.controls.update();
+    this.fitted = null;
+    camera.position.copy(this.frame.fromScan(pose.position));
+    controls.target.copy(this.frame.fromScan(pose.target));
+    controls.update();
     this.silent = false;
+    this.movedAt = performance.now();
     this.draw();
   }
 
-  /** The place under a point of the canvas, in viewer coordinates. */
-  pick(x: number, y: number): Vector3 | null {
+  /** The place under a point of the canvas, in scan coordinates. */
+  pick(x: number, y: number): Vector | null {
     const { clientWidth: width, clientHeight: height } = this.canvas;
-    return pick(this.renderer, this.scene, this.camera, this.planes, { x, y, width, height });
+    const scenes = [this.scenery.surfaces, this.scenery.points];
+    const place = pick(this.renderer, scenes, this.eye.camera, this.planes, { x, y, width, height });
+    return place && this.frame ? this.frame.toScan(place) : null;
   }
 
-  /** Where a place in viewer coordinates is on the canvas, in CSS pixels. */
-  project(place: Vector3): { x: number; y: number } {
-    const { x, y } = place.clone().project(this.camera);
+  /** Where a place in scan coordinates is on the canvas, in CSS pixels. */
+  project(place: Vector): { x: number; y: number } {
+    const { x, y } = (this.frame?.fromScan(place) ?? new Vector3()).project(this.eye.camera);
     return { x: ((x + 1) / 2) * this.canvas.clientWidth, y: ((1 - y) / 2) * this.canvas.clientHeight };
+  }
+
+  /** One of the scan's directions as the eye sees it: right, up, towards the eye. */
+  seen(direction: Up): Vector3 | null {
+    return this.frame?.direction(direction).transformDirection(this.eye.camera.matrixWorldInverse) ?? null;
   }
 
   resize(): void {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     if (width === 0 || height === 0) return;
-    this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
-    this.renderer.setSize(width, height, false);
-    this.camera.aspect = width / height;
-    this.camera.updateProjectionMatrix();
+    this.eye.camera.aspect = width / height;
+    if (this.fitted) this.fit(this.fitted.from);
     this.drawNow();
   }
 
@@ -186,9 +217,16 @@ export class Stage {
     this.requested ||= requestAnimationFrame(() => this.drawNow());
   }
 
-  /** A picture of what is seen, over the given background. */
-  snapshot(background: string): Promise<Blob | null> {
+  /** Calls back after every drawing; gives what ends that. */
+  watch(look: () => void): () => void {
+    this.watchers.add(look);
+    return () => void this.watchers.delete(look);
+  }
+
+  /** A copy of what is seen, over the given background. */
+  snapshot(background: string): HTMLCanvasElement {
     const copy = document.createElement("canvas");
+    this.movedAt = -Infinity;
     this.drawNow();
     copy.width = this.canvas.width;
     copy.height = this.canvas.height;
@@ -196,45 +234,42 @@ export class Stage {
     context.fillStyle = background;
     context.fillRect(0, 0, copy.width, copy.height);
     context.drawImage(this.canvas, 0, 0);
-    return new Promise((resolve) => copy.toBlob(resolve, "image/png"));
+    return copy;
   }
 
   dispose(): void {
+    this.stopper.abort();
     cancelAnimationFrame(this.requested);
-    this.controls.dispose();
-    this.surface.geometry.dispose();
-    this.cloud.geometry.dispose();
-    for (const material of this.materials()) material.dispose();
+    clearTimeout(this.resting);
+    this.coarser?.terminate();
+    this.eye.controls.dispose();
+    this.scenery.dispose();
+    this.eyeDome.dispose();
     this.renderer.dispose();
     this.renderer.forceContextLoss();
   }
 
-  private place(geometry: Geometry | null, ...objects: Array<Mesh | Points>): void {
+  private place(geometry: Geometry | null): void {
+    this.fresh = true;
     if (!geometry) return this.draw();
-    const first = this.frame === null;
-    this.frame ??= new Frame(geometry);
-    const placement = this.frame.placement(geometry);
-    for (const object of objects) {
-      object.matrix.copy(placement);
-      object.matrixWorldNeedsUpdate = true;
-    }
-    if (first) this.fit();
+    this.first ??= geometry;
+    const isFirst = this.frame === null;
+    this.frame ??= new Frame(this.first, this.up ?? undefined);
+    this.scenery.place(this.frame);
+    this.cut(this.section);
+    if (isFirst && this.awaited) this.takePose(this.awaited);
+    else if (isFirst) this.fit();
     this.draw();
   }
 
-  private restyle(): void {
-    for (const material of this.materials()) material.dispose();
-    this.surface.material = surfaceMaterial(this.mode, this.planes);
-    this.wires.material = wireMaterial(this.planes);
-    this.cloud.material = pointMaterial("color" in this.cloud.geometry.attributes, this.planes);
-    this.draw();
-  }
-
-  private materials(): Material[] {
-    return [this.surface, this.wires, this.cloud].map((object) => object.material as Material);
+  private restored(): void {
+    this.fresh = true;
+    this.onRestored();
+    this.resize();
   }
 
   private moved(): void {
+    this.movedAt = performance.now();
     this.draw();
     if (!this.silent && this.pose) this.onPose(this.pose);
   }
@@ -242,59 +277,67 @@ export class Stage {
   private drawNow(): void {
     cancelAnimationFrame(this.requested);
     this.requested = 0;
-    this.adapt();
-    this.controls.update();
-    this.renderer.render(this.scene, this.camera);
-    this.onDraw();
-  }
-
-  /** While the camera moves on a slow machine, draw fewer points and pixels. */
-  private adapt(): void {
     const now = performance.now();
-    const slow = now - this.lastDraw > SLOW_FRAME_MILLISECONDS && now - this.lastDraw < 1000;
-    this.lastDraw = now;
-    const count = this.moving && slow ? POINTS_WHILE_MOVING : Infinity;
-    if (!this.moving || slow) this.cloud.geometry.setDrawRange(0, count);
-    if (this.moving && slow && this.renderer.getPixelRatio() > 1) this.renderer.setPixelRatio(1);
+    this.eye.settle(now - this.drawnAt);
+    this.drawnAt = now;
+    this.eye.adaptDepth();
+    const moving = this.held || now - this.movedAt < REST_MILLISECONDS;
+    const drawn = this.scenery.limit(moving ? this.pace.budget : Infinity);
+    const ratio = moving && !this.pace.sharp ? 1 : Math.min(2, devicePixelRatio);
+    this.fitBuffer(ratio);
+    this.renderer.render(this.scenery.surfaces, this.eye.camera);
+    if (this.scenery.hasPoints) this.drawPoints(ratio);
+    this.canvas.dataset["drawn"] = String(drawn);
+    if (drawn < this.scenery.primitives || ratio < Math.min(2, devicePixelRatio)) this.drawWholeLater();
+    this.time(drawn, ratio);
+    for (const look of this.watchers) look();
+  }
+
+  private drawPoints(ratio: number): void {
+    const { camera } = this.eye;
+    if (this.frame) {
+      const zoom = camera.projectionMatrix.elements[5]!;
+      this.scenery.sizePoints(this.canvas.clientHeight * ratio, ratio, zoom, this.frame);
+    }
+    this.eyeDome.draw(this.renderer, this.scenery.points, camera, !this.scenery.hasSurface);
+  }
+
+  private fitBuffer(ratio: number): void {
+    const { clientWidth: width, clientHeight: height, width: now, height: nowHigh } = this.canvas;
+    if (now === Math.floor(width * ratio) && nowHigh === Math.floor(height * ratio)) return;
+    this.renderer.setPixelRatio(ratio);
+    this.renderer.setSize(width, height, false);
+  }
+
+  private drawWholeLater(): void {
+    clearTimeout(this.resting);
+    this.resting = setTimeout(() => (this.held ? this.drawWholeLater() : this.draw()), REST_MILLISECONDS + 20);
+  }
+
+  private time(drawn: number, ratio: number): void {
+    if (this.fresh) {
+      this.fresh = false;
+      return this.draw();
+    }
+    this.timer.start((milliseconds) => {
+      this.pace.learn(drawn, milliseconds, ratio);
+      if (this.pace.budget < this.scenery.triangles) this.prepareCoarser();
+    });
+  }
+
+  private prepareCoarser(): void {
+    const { mesh } = this;
+    if (this.coarser || !mesh?.indices) return;
+    this.coarser = new Worker(new URL("./coarser.worker.ts", import.meta.url), { type: "module" });
+    this.coarser.onmessage = ({ data }: MessageEvent<Uint32Array[]>) => this.scenery.setCoarser(data);
+    this.coarser.postMessage({ positions: mesh.positions, indices: mesh.indices });
   }
 }
 
-function lights(camera: PerspectiveCamera) {
-  const key = new DirectionalLight("#fff8ef", 2.4);
-  const fill = new DirectionalLight("#cfe0ee", 0.7);
-  // They move with the eye, so that no side is ever dark.
-  key.position.set(-0.6, 0.9, 1);
-  fill.position.set(1.2, -0.2, 0.6);
-  camera.add(key, key.target, fill, fill.target);
-  key.target.position.set(0, 0, -1);
-  fill.target.position.set(0, 0, -1);
-  return [new HemisphereLight("#ffffff", "#8d8478", 0.7), new AmbientLight("#ffffff", 0.25)];
-}
-
-function bufferOf(geometry: Geometry): BufferGeometry {
-  const buffer = new BufferGeometry();
-  const whole = geometry.normals instanceof Int8Array;
-  buffer.setAttribute("position", new BufferAttribute(geometry.positions, 3));
-  if (geometry.normals && !whole) buffer.setAttribute("normal", new BufferAttribute(geometry.normals, 3));
-  if (geometry.indices) buffer.setIndex(new BufferAttribute(geometry.indices, 1));
-  if (geometry.colors) {
-    const width = geometry.colors.length / (geometry.positions.length / 3);
-    buffer.setAttribute("color", new BufferAttribute(geometry.colors, width, true));
-    buffer.setAttribute("ownColor", buffer.getAttribute("color"));
-  }
-  return buffer;
-}
-
-function replace(object: Mesh | Points, buffer: BufferGeometry | null): void {
-  object.geometry.dispose();
-  object.geometry = buffer ?? new BufferGeometry();
-}
-
-function hasPoints(geometry: BufferGeometry): boolean {
-  return "position" in geometry.attributes;
-}
-
-function planeOf({ axis, at, flipped }: Section): Plane {
-  const normal = new Vector3().setComponent(axis, flipped ? 1 : -1);
-  return new Plane(normal, (flipped ? -1 : 1) * (at - 0.5) * 1.02);
+function planeOf({ axis, at, flipped }: Section, { min, max }: Box3): Plane {
+  const sign = flipped ? 1 : -1;
+  const [low, high] = [min.getComponent(axis), max.getComponent(axis)];
+  // At either end nothing is cut, also not what rounding puts on the plane.
+  const place = low + (at * 1.002 - 0.001) * (high - low);
+  return new Plane(new Vector3().setComponent(axis, sign), -sign * place);
 }

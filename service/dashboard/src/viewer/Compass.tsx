@@ -1,0 +1,41 @@
+/** The scan's axes as they lie in the view; a click looks along one of them. */
+import { useSignal } from "@preact/signals";
+import { useEffect } from "preact/hooks";
+import type { Stage } from "./stage";
+import { isPositive, upName, UPS } from "./up";
+
+const REACH = 30;
+const MIDDLE = 42;
+
+export function Compass({ stage }: { stage: Stage }) {
+  // Grows with every drawing, because the camera then may have moved.
+  const drawn = useSignal(0);
+  useEffect(() => stage.watch(() => (drawn.value += 1)), [stage]);
+  void drawn.value;
+  const ends = UPS.flatMap((axis) => {
+    const way = stage.seen(axis);
+    return way ? [{ axis, x: MIDDLE + REACH * way.x, y: MIDDLE - REACH * way.y, depth: way.z }] : [];
+  });
+  return (
+    <div class="compass" role="group" aria-label="Look along an axis">
+      <svg aria-hidden="true">
+        {ends.map(({ axis, x, y }) =>
+          isPositive(axis) ? <line key={axis} class={axis} x1={MIDDLE} y1={MIDDLE} x2={x} y2={y} /> : null,
+        )}
+      </svg>
+      {ends.map(({ axis, x, y, depth }) => (
+        <button
+          key={axis}
+          type="button"
+          class={`${axis.at(-1)} ${isPositive(axis) ? "" : "negative"}`}
+          style={{ left: `${x}px`, top: `${y}px`, zIndex: depth > 0 ? 2 : 1 }}
+          aria-label={`Look from ${upName(axis)}`}
+          title={`Look from ${upName(axis)}`}
+          onClick={() => stage.fit(axis)}
+        >
+          {isPositive(axis) ? axis.toUpperCase() : ""}
+        </button>
+      ))}
+    </div>
+  );
+}
