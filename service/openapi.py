@@ -1,7 +1,7 @@
 """The API's description: ``python -m service.openapi [--check]`` writes openapi/openapi.json.
 
 FastAPI describes every answer as ``application/json`` and its own validation error as 422; here
-refusals get the media type and the body that they really have.
+refusals get the media type and the body that they really have. It also lets headers be null.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ def describe(app: FastAPI) -> dict[str, Any]:
 
 
 def _mend(operation: dict[str, Any]) -> None:
+    for parameter in operation.get("parameters", ()):
+        parameter["schema"] = _without_null(parameter["schema"])
     answers = operation["responses"]
     if answers.get("422", {}).get("description") == "Validation Error":
         del answers["422"]
@@ -48,6 +50,14 @@ def _mend(operation: dict[str, Any]) -> None:
             content = answer.setdefault("content", {})
             content.pop("application/json", None)
             content.setdefault("application/problem+json", {})["schema"] = _PROBLEM
+
+
+def _without_null(schema: dict[str, Any]) -> dict[str, Any]:
+    """A header or a query can be left out, but not be null."""
+    kinds = [kind for kind in schema.get("anyOf", ()) if kind != {"type": "null"}]
+    if len(kinds) != 1:
+        return schema
+    return {**kinds[0], **{name: value for name, value in schema.items() if name != "anyOf"}}
 
 
 def allowed_methods(app: FastAPI, path: str) -> str:

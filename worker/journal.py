@@ -16,6 +16,7 @@ from service.db import Database
 from service.jobs.model import Artifact
 from service.jobs.queues import Bell
 from service.jobs.repository import JobRepository
+from service.jobs.state import EventType
 from service.storage import Storage
 from service.storage.base import file_sha256
 from visco_core.progress import Progress
@@ -80,13 +81,13 @@ class Journal:
         elapsed = time.monotonic() - self._begun
         self.progress(Progress("write", fraction, elapsed, remaining_seconds=0.0))
 
-    def note(self, type: str, data: Mapping[str, Any]) -> None:
+    def note(self, type: EventType, data: Mapping[str, Any]) -> None:
         """Store an event of another kind."""
         with self.database.transaction() as unit:
             JobRepository(unit.session).note(self.job_id, self.attempt, type, data)
             unit.after_commit(self._ring)
 
-    def store(self, path: Path, name: str, event: str = "artifact", **told: Any) -> None:
+    def store(self, path: Path, name: str, event: EventType = "artifact", **told: Any) -> None:
         """Move a file into the storage as the artifact ``name``, and tell of it by an event.
 
         The key is this attempt's own.
@@ -141,8 +142,9 @@ class Journal:
         """JSON has neither NaN nor infinity; a loss that is one of them is left out."""
         record = dataclasses.asdict(progress)
         remaining = progress.remaining_seconds
-        known = remaining is not None and math.isfinite(remaining)
-        record["remaining_seconds"] = remaining + self.write_seconds if known else None
+        if remaining is not None:
+            left = remaining + self.write_seconds
+            record["remaining_seconds"] = left if math.isfinite(left) else None
         record["losses"] = {k: float(v) for k, v in progress.losses.items() if math.isfinite(v)}
         return record
 

@@ -9,7 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    create_model,
+)
 
 from service.errors import FieldError, ServiceError
 from service.jobs.model import PRIORITIES
@@ -68,10 +75,17 @@ JOB_OPTIONS: tuple[OptionDescription, ...] = (
 )
 # What readers of the schema should know, but the checks say in words of their own.
 _SCHEMA: Mapping[str, dict[str, Any]] = {
-    "callback_url": {"format": "uri", "pattern": "^https?://"},
+    "callback_url": {"format": "uri", "pattern": r"^https?://[^\s/?#@]+([/?#]\S*)?$"},
     "crop": {"minItems": 6, "maxItems": 6},
 }
+# The core takes no number beyond the first, and JSON's readers no whole number beyond the second.
+_LARGEST, _LARGEST_WHOLE = 1e300, 2**53
 JOB_OPTION_NAMES = frozenset(option.name for option in JOB_OPTIONS)
+
+
+def _integral(value: Any) -> Any:
+    """JSON knows one kind of number: 64.0 is an integer there."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def all_options() -> tuple[OptionDescription, ...]:
@@ -87,8 +101,13 @@ def _annotation(option: OptionDescription) -> Any:
     if option.type == "string":
         limit = None if option.maximum is None else int(option.maximum)
         return Annotated[str, Field(min_length=1, max_length=limit)]
-    number = int if option.type in ("integer", "integers") else float
-    bounded = Annotated[number, Field(ge=option.minimum, le=option.maximum, allow_inf_nan=False)]
+    whole = option.type in ("integer", "integers")
+    farthest = _LARGEST_WHOLE if whole else _LARGEST
+    low = -farthest if option.minimum is None else option.minimum
+    high = farthest if option.maximum is None else option.maximum
+    bounds = Field(ge=low, le=high, allow_inf_nan=False)
+    number = Annotated[int, bounds] if whole else Annotated[float, bounds]
+    bounded = Annotated[number, BeforeValidator(_integral)] if whole else number
     if option.type in ("integers", "numbers"):
         return Annotated[list[bounded], Field(min_length=1, max_length=64)]  # type: ignore[valid-type]
     return bounded

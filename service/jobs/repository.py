@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from service.db import utc_now
 from service.jobs.model import Artifact, Attempt, Event, Job
-from service.jobs.state import AttemptOutcome, Status, check_transition
+from service.jobs.state import AttemptOutcome, EventType, Status, Terminal, check_transition
 from service.quotas import count_jobs, hold_owner
 from service.webhooks.model import Delivery
 
@@ -36,7 +36,7 @@ class JobRepository:
         statement = select(Job).where(Job.id == job_id).with_for_update(of=Job)
         return self.session.scalars(statement.execution_options(populate_existing=True)).first()
 
-    def record(self, job: Job, type: str, data: Mapping[str, Any]) -> None:
+    def record(self, job: Job, type: EventType, data: Mapping[str, Any]) -> None:
         """Store an event; the job's row is locked, so that the sequence has no gap."""
         job.last_sequence += 1
         self.session.add(
@@ -89,7 +89,7 @@ class JobRepository:
         job.progress = dict(progress)
         self.record(job, "progress", progress)
 
-    def note(self, job_id: str, attempt: int, type: str, data: Mapping[str, Any]) -> None:
+    def note(self, job_id: str, attempt: int, type: EventType, data: Mapping[str, Any]) -> None:
         """An event of a running attempt that changes nothing else."""
         self.record(self.held(job_id, attempt), type, data)
 
@@ -185,7 +185,7 @@ class JobRepository:
         job.error_code, job.error_detail = code, detail[:2000]
         self._finish(job, "failed", {"error": {"code": code, "detail": job.error_detail}})
 
-    def _finish(self, job: Job, status: Status, data: Mapping[str, Any]) -> None:
+    def _finish(self, job: Job, status: Terminal, data: Mapping[str, Any]) -> None:
         self._move(job, status)
         job.finished_at = utc_now()
         job.lease_expires_at = None

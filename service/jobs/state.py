@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
 Status = Literal["queued", "running", "succeeded", "failed", "cancelled"]
-TERMINAL: frozenset[Status] = frozenset({"succeeded", "failed", "cancelled"})
+Terminal = Literal["succeeded", "failed", "cancelled"]
+TERMINAL: frozenset[Status] = frozenset(get_args(Terminal))
 
 # From each state to the states it may turn into, with what makes it so.
 TRANSITIONS: dict[Status, dict[Status, str]] = {
@@ -24,6 +25,22 @@ TRANSITIONS: dict[Status, dict[Status, str]] = {
     "failed": {},
     "cancelled": {},
 }
+
+# What an event may be of; those of a job's status say that it has turned into it.
+EventType = Literal[
+    "queued",
+    "started",
+    "progress",
+    "scan",
+    "level",
+    "artifact",
+    "degraded",
+    "requeued",
+    "cancel_requested",
+    "succeeded",
+    "failed",
+    "cancelled",
+]
 
 AttemptOutcome = Literal["succeeded", "failed", "cancelled", "lost", "released"]
 

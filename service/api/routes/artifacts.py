@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import AsyncIterator
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from fastapi import APIRouter, Header, Request, Response
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
@@ -18,11 +18,30 @@ from service.api.schemas import ArtifactBody, ArtifactListBody
 from service.errors import ServiceError
 from service.events import EventFeed
 from service.jobs.model import Event
+from service.jobs.state import EventType
 
 router = APIRouter(prefix="/jobs/{job_id}", tags=["jobs"])
 _HEARTBEAT_SECONDS = 10.0
 _RECONNECT_MILLISECONDS = 1000
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
+# As OpenAPI 3.2 describes the items of a stream.
+_EVENT = {
+    "type": "object",
+    "properties": {
+        "id": {"type": "string", "pattern": "^[1-9][0-9]*$"},
+        "event": {"type": "string", "enum": list(get_args(EventType))},
+        "data": {
+            "type": "string",
+            "contentMediaType": "application/json",
+            "contentSchema": {
+                "type": "object",
+                "properties": {"at": {"type": "string", "format": "date-time"}},
+                "required": ["at"],
+            },
+        },
+    },
+    "required": ["id", "event", "data"],
+}
 _FILE_TYPES = dict.fromkeys(
     ("model/gltf-binary", "application/octet-stream", "image/png", "text/plain"), _BINARY
 )
@@ -74,7 +93,7 @@ def get_artifact(
         200: {
             "content": {
                 "text/event-stream": {
-                    "schema": {"type": "string"},
+                    "itemSchema": _EVENT,
                     "example": 'id: 2\nevent: started\ndata: {"attempt": 1}\n\n',
                 }
             },

@@ -43,6 +43,7 @@ _SUBMISSION = {
                 "schema": {
                     "type": "object",
                     "description": "Either `file` or `upload_id`, and `params`.",
+                    "additionalProperties": False,
                     "properties": {
                         "file": {
                             "type": "string",
@@ -111,7 +112,7 @@ def _accept(
     try:
         params = parse_params(form.fields.get("params", "{}"))
         check_callback(params.get("callback_url"), parts.settings.webhook_allow_private)
-        if (file is None) == (not upload_id):
+        if (file is None) == (upload_id is None):
             raise ServiceError("invalid_request", "Send either 'file' or 'upload_id'.")
         if file is not None:
             return _accept_file(parts, principal, params, file, idempotency_key)
@@ -199,6 +200,7 @@ def cancel_job(job_id: JobId, principal: Writer, parts: ServicesDep) -> JobBody:
     status_code=202,
     responses=problems(
         *COMMON,
+        "bad_request",
         "job_not_found",
         "job_not_finished",
         "idempotency_conflict",

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import base64
-import binascii
 import hmac
+import re
 from email.utils import format_datetime
 from typing import Annotated
 
@@ -32,6 +32,11 @@ _PIECE_BODY = {
 }
 # Patterns are for readers of the description; the routes check with words of their own.
 _COUNT = {"pattern": "^[0-9]{1,18}$"}
+_BASE64 = "([A-Za-z0-9+/]{4})*([A-Za-z0-9+/]{2}==|[A-Za-z0-9+/]{3}=)?"
+# A name of printable characters but the comma, and a value that may be left out.
+_PAIR = rf"[!-+\--~]+( {_BASE64})?"
+_METADATA = f"^({_PAIR}(,{_PAIR})*)?$"
+_CHECKSUM = "^(sha256 [A-Za-z0-9+/]{43}=|sha1 [A-Za-z0-9+/]{27}=)$"
 TusVersion = Annotated[
     str | None, Header(alias="Tus-Resumable", json_schema_extra={"enum": [_VERSION]})
 ]
@@ -67,14 +72,18 @@ def create_upload(
         str, Header(description="Size of the whole file in bytes.", json_schema_extra=_COUNT)
     ],
     upload_metadata: Annotated[
-        str | None, Header(description="`filename` and its name in base64.")
+        str | None,
+        Header(
+            description="`filename` and its name in base64.",
+            json_schema_extra={"pattern": _METADATA},
+        ),
     ] = None,
     tus_resumable: TusVersion = None,
 ) -> UploadBody:
     """Begin an upload; Location says where its bytes are to be sent."""
     _check_version(tus_resumable)
     size = _number("Upload-Length", upload_length)
-    name = _metadata(upload_metadata).get("filename", "scan")
+    name = _file_name(upload_metadata or "")
     upload = parts.uploads.create(principal, name, size)
     response.headers.update(_state(upload))
     # Standard tus clients take the Location as it is, so it is a whole address.
@@ -138,7 +147,8 @@ async def append_upload(
         str | None,
         Header(
             description="`sha256` or `sha1`, and the digest in base64.",
-            json_schema_extra={"pattern": "^(sha256|sha1) ([A-Za-z0-9+/]{4})*[A-Za-z0-9+/]{3}=$"},
+            examples=["sha1 2jmj7l5rSw0yVb/vlWAYkK/YBwk="],
+            json_schema_extra={"pattern": _CHECKSUM},
         ),
     ] = None,
     tus_resumable: TusVersion = None,
@@ -206,30 +216,24 @@ def _number(header: str, text: str) -> int:
     return int(text)
 
 
-def _metadata(header: str | None) -> dict[str, str]:
-    found = {}
-    for pair in filter(None, (header or "").split(",")):
-        name, _, value = pair.strip().partition(" ")
-        try:
-            found[name] = base64.b64decode(value, validate=True).decode()
-        except (binascii.Error, UnicodeDecodeError):
-            raise ServiceError(
-                "bad_request", "Upload-Metadata must hold names with base64 values."
-            ) from None
-    return found
+def _file_name(metadata: str) -> str:
+    """The name in ``filename d29ybGQ=,other dGhpbmc=``; what else there is does not matter here."""
+    if not re.fullmatch(_METADATA, metadata):
+        raise ServiceError("bad_request", "Upload-Metadata must hold names with base64 values.")
+    pairs = (pair.partition(" ") for pair in metadata.split(","))
+    values = {name: value for name, _, value in pairs}
+    return base64.b64decode(values.get("filename", "")).decode(errors="replace")
 
 
 def _checksum(header: str | None) -> tuple[str, bytes] | None:
     if header is None:
         return None
-    algorithm, _, encoded = header.strip().partition(" ")
-    try:
-        digest = base64.b64decode(encoded, validate=True)
-    except binascii.Error:
-        digest = b""
-    if algorithm not in ("sha256", "sha1") or not digest:
-        raise ServiceError("bad_request", "Upload-Checksum must be 'sha256' and base64 bytes.")
-    return algorithm, digest
+    if not re.fullmatch(_CHECKSUM, header):
+        raise ServiceError(
+            "bad_request", "Upload-Checksum must be 'sha256' or 'sha1' and the digest in base64."
+        )
+    algorithm, _, encoded = header.partition(" ")
+    return algorithm, base64.b64decode(encoded)
 
 
 def _verified(receiver: Receiver, expected: tuple[str, bytes]) -> bool:

@@ -242,6 +242,7 @@ def test_a_broken_submission_says_what_is_missing(api: httpx.Client) -> None:
             content=b'--b\r\nContent-Disposition: form-data; name="file"\r\n\r\nply\n',
             headers={"Content-Type": "multipart/form-data; boundary=b"},
         ),
+        "file and empty upload": api.post("/v1/jobs", files={"file": scan}, data={"upload_id": ""}),
         "unknown upload": api.post("/v1/jobs", files={"upload_id": (None, "x")}),
     }
     codes = {case: (answer.status_code, answer.json()["code"]) for case, answer in answers.items()}
@@ -249,6 +250,7 @@ def test_a_broken_submission_says_what_is_missing(api: httpx.Client) -> None:
         "no body": (415, "unsupported_media_type"),
         "json": (415, "unsupported_media_type"),
         "nothing": (422, "invalid_request"),
+        "file and empty upload": (422, "invalid_request"),
         "both": (422, "invalid_request"),
         "unknown field": (422, "invalid_request"),
         "cut off": (400, "bad_request"),

@@ -100,6 +100,32 @@ def test_a_piece_with_a_wrong_checksum_is_refused_and_forgotten(api: httpx.Clien
     assert unknown.status_code == 400
 
 
+@pytest.mark.parametrize(
+    ("metadata", "name"),
+    [
+        (
+            f"other //8=,filename {base64.b64encode('Teil ü.ply'.encode()).decode()},flag",
+            "Teil ü.ply",
+        ),
+        ("filename //8=", "\ufffd\ufffd"),
+        ("flag", "scan"),
+        ("", "scan"),
+    ],
+)
+def test_of_the_metadata_the_file_name_is_taken(
+    api: httpx.Client, metadata: str, name: str
+) -> None:
+    headers = {"Upload-Length": "5", "Upload-Metadata": metadata}
+    assert api.post("/v1/uploads", headers=headers).json()["name"] == name
+
+
+@pytest.mark.parametrize("metadata", ["filename a", "filename YWE", ",", "a  b", b"\xc2\x84"])
+def test_metadata_that_are_none_are_refused(api: httpx.Client, metadata: str | bytes) -> None:
+    headers = {"Upload-Length": "5", "Upload-Metadata": metadata}
+    refused = api.post("/v1/uploads", headers=headers)  # type: ignore[arg-type]
+    assert (refused.status_code, refused.json()["code"]) == (400, "bad_request")
+
+
 def test_more_bytes_than_promised_are_refused(api: httpx.Client) -> None:
     place = create(api, size=10)
     assert send(api, place, 0, b"x" * 11).json()["code"] == "too_large"

@@ -7,14 +7,17 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from service.errors import CATALOGUE, JOB_FAILURES
+from service.jobs.state import EventType
 from service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[3]
 ERRORS = (ROOT / "docs/errors.md").read_text()
+API = (ROOT / "docs/api.md").read_text()
 OPERATIONS = (ROOT / "docs/operations.md").read_text()
 
 
@@ -51,6 +54,11 @@ def test_every_code_that_the_service_raises_is_in_the_catalogue() -> None:
         raised |= set(re.findall(r"ServiceError\(\s*\"(\w+)\"", path.read_text()))
     assert raised
     assert raised <= set(CATALOGUE)
+
+
+def test_every_event_is_documented() -> None:
+    table = API.split("## Events")[1].split("## ")[0]
+    assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == set(get_args(EventType))
 
 
 def test_every_setting_is_documented() -> None:

@@ -45,6 +45,18 @@ def test_only_what_was_given_is_kept() -> None:
     assert parse_params('{"resolution": 128}') == {"resolution": 128}
 
 
+def test_a_whole_number_may_be_written_with_a_point() -> None:
+    params = parse_params('{"resolution": 128.0, "epochs": [2.0]}')
+    assert params == {"resolution": 128, "epochs": [2]}
+    assert all(isinstance(value, int) for value in (params["resolution"], *params["epochs"]))
+    assert set(refusal(resolution=128.5, seed="1")) == {"params.resolution", "params.seed"}
+
+
+def test_numbers_without_a_range_of_their_own_still_have_an_end() -> None:
+    wrong = refusal(trim=1e301, decimate=2**54, max_memory_bytes=2**54)
+    assert set(wrong) == {"params.trim", "params.decimate", "params.max_memory_bytes"}
+
+
 def test_all_wrong_fields_are_named_at_once() -> None:
     wrong = refusal(resolution=63, lambda_v="big", outputs=["mesh.stl"], resolutoin=128)
     assert set(wrong) == {
