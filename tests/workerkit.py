@@ -1,4 +1,4 @@
-"""Workers as processes of their own, for the tests that start and kill them."""
+"""Workers, and what they leave: as processes for the tests that start and kill them."""
 
 from __future__ import annotations
 
@@ -9,12 +9,19 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
 from typing import Any
 
 import httpx
-from servicekit import read_events, submit, until
+from servicekit import open_database, read_events, submit, until
 
+from service.jobs.queues import Bell
+from service.jobs.repository import JobRepository
 from service.settings import Settings
+from service.storage import open_storage
+from visco_core.progress import Progress
+from worker.journal import Journal
 
 # A solve that goes on until somebody stops it.
 ENDLESS = {"profile": "paper", "resolution": 64, "epochs": [1000]}
@@ -75,6 +82,21 @@ def running_worker(settings: Settings, client: httpx.Client) -> Iterator[Worker]
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
+
+
+def finish_job(settings: Settings, job_id: str, folder: Path) -> None:
+    """Write down what a worker would: an attempt that succeeded and left its log."""
+    database, bell = open_database(settings), Bell(settings)
+    with database.transaction() as unit:
+        JobRepository(unit.session).claim(job_id, "test", "cpu", timedelta(minutes=1), 0)
+    journal = Journal(database, open_storage(settings), bell, job_id, 1)
+    journal.progress(Progress("solve", 0.5, 1.0, 1.0, 1, 2, 64, 1, 6, {"point": 0.1}))
+    (folder / "log.txt").write_text("one line\n")
+    journal.store(folder / "log.txt", "log.txt")
+    outcome = {"code": "complete", "message": "Done.", "resolution": 64}
+    journal.succeed({"outcome": outcome, "vertices": 3, "faces": 1})
+    bell.close()
+    database.dispose()
 
 
 @dataclass

@@ -6,20 +6,16 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from datetime import timedelta
 from pathlib import Path
 
 import httpx
 import pytest
 from servicekit import make_settings, open_database, running_api, running_broker, submit
+from workerkit import finish_job
 
 from service.auth.service import KeyService
-from service.jobs.queues import Bell
-from service.jobs.repository import JobRepository
 from service.openapi import FILE, text
 from service.settings import Settings
-from service.storage import open_storage
-from worker.journal import Journal
 
 CONFIG = Path(__file__).with_name("schemathesis.toml")
 HOOKS = Path(__file__).with_name("schemathesis_hooks.py")
@@ -79,20 +75,6 @@ def test_schemathesis_finds_no_difference_in_what_a_finished_job_gives(
     api: httpx.Client, settings: Settings, tmp_path: Path
 ) -> None:
     job_id = submit(api).json()["id"]
-    finish(settings, job_id, tmp_path)
+    finish_job(settings, job_id, tmp_path)
     known = f'\n[parameters]\njob_id = "{job_id}"\nname = "log.txt"\n'
     check(api, tmp_path, known, "--include-path-regex", "/events$|/artifacts")
-
-
-def finish(settings: Settings, job_id: str, folder: Path) -> None:
-    """What a worker would write into the database."""
-    database, bell = open_database(settings), Bell(settings)
-    with database.transaction() as unit:
-        JobRepository(unit.session).claim(job_id, "test", "cpu", timedelta(minutes=1), 0)
-    journal = Journal(database, open_storage(settings), bell, job_id, 1)
-    (folder / "log.txt").write_text("one line\n")
-    journal.store(folder / "log.txt", "log.txt")
-    outcome = {"code": "complete", "message": "Done.", "resolution": 64}
-    journal.succeed({"outcome": outcome, "vertices": 3, "faces": 1})
-    bell.close()
-    database.dispose()
