@@ -1,11 +1,19 @@
-# The API: no torch, no solver libraries. Build from the project's root:
+# The API and the dashboard: no torch, no solver libraries. Build from the project's root:
 #   docker build -f docker/service.Dockerfile -t visco-service .
+FROM node:22-slim AS dashboard
+WORKDIR /source/service/dashboard
+COPY service/dashboard ./
+COPY openapi /source/openapi
+COPY visco_core/samples /source/visco_core/samples
+RUN npm ci --no-audit --no-fund && npm run types && npm run build
+
 FROM python:3.11-slim AS build
 WORKDIR /source
 COPY pyproject.toml README.md constraints.txt ./
 COPY visco_core visco_core
 COPY service service
 COPY worker worker
+COPY --from=dashboard /source/service/dashboard/dist service/dashboard/dist
 COPY docker/service-requirements.txt ./
 RUN python -m venv /opt/visco \
     && /opt/visco/bin/pip install --no-cache-dir -c constraints.txt -r service-requirements.txt \

@@ -54,12 +54,15 @@ assert inspect_file(Path({str(scan)!r}), 100).refusal is None
 
 
 @pytest.mark.parametrize("name", ["service", "worker"])
-def test_every_file_that_an_image_copies_is_there(name: str) -> None:
+def test_every_file_that_an_image_copies_is_there_and_sent_to_the_build(name: str) -> None:
     text = (ROOT / f"docker/{name}.Dockerfile").read_text()
     copied = re.findall(r"^COPY (?!--from)(.+) \S+$", text, re.MULTILINE)
     names = [part for line in copied for part in line.split()]
     assert "constraints.txt" in names
     assert [part for part in names if not (ROOT / part).exists()] == []
+    ignored = (ROOT / f"docker/{name}.Dockerfile.dockerignore").read_text().splitlines()
+    sent = [line.removeprefix("!") for line in ignored if line.startswith("!")]
+    assert [part for part in names if not any(f"{part}/".startswith(f"{s}/") for s in sent)] == []
 
 
 @pytest.mark.parametrize("name", ["compose.yml", "compose.gpu.yml"])
