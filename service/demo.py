@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 import subprocess
@@ -44,7 +45,9 @@ def serving(data: Path) -> Iterator[str]:
         probe.bind(("127.0.0.1", 0))
         port = str(probe.getsockname()[1])
     command = [sys.executable, "-m", "visco_core.cli", "serve", "--port", port, "--data-dir", data]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    # The story is told below; of the service's own log only trouble is of interest.
+    environment = {"VISCO_LOG_LEVEL": "warning", **os.environ}
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     try:
         yield _address(server)
     finally:

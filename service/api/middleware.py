@@ -86,7 +86,10 @@ def _finished(scope: Scope, status: int, seconds: float) -> None:
     route = scope.get("route")
     path = getattr(route, "path", "unmatched")
     observe_request(scope["method"], path, status, seconds)
-    log.info(
+    # Pages and clients that watch a job read all the time; that would drown what changes something.
+    reads = scope["method"] in ("GET", "HEAD") and status < 400
+    log.log(
+        logging.DEBUG if reads else logging.INFO,
         "%s %s %s in %.0f ms",
         scope["method"],
         scope["path"],

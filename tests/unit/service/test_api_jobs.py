@@ -275,6 +275,20 @@ def test_file_names_lose_their_folders_and_control_characters(api: httpx.Client)
         assert answer.json()["scan"]["name"] == kept
 
 
+def test_the_log_tells_what_changes_something_or_is_refused(
+    api: httpx.Client, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "service.access")
+    job_id = submit(api).json()["id"]
+    api.get(f"/v1/jobs/{job_id}")
+    api.get("/v1/jobs/nope")
+    told = [record.getMessage().rsplit(" in ", 1)[0] for record in caplog.records]
+    assert [line for line in told if "/v1/" in line] == [
+        "POST /v1/jobs 202",
+        "GET /v1/jobs/nope 404",
+    ]
+
+
 def test_every_answer_carries_the_request_id(api: httpx.Client) -> None:
     assert api.get("/healthz", headers={"X-Request-ID": "abc-1"}).headers["X-Request-ID"] == "abc-1"
     refused = api.get("/v1/jobs/nope", headers={"X-Request-ID": "bad\tid"})
