@@ -126,16 +126,23 @@ def running_process(
         **options,
     )
     assert process.stdout is not None
-    assert any(ready in line for line in process.stdout), f"{command[0]} did not start"
-    drain = threading.Thread(target=process.stdout.read)
-    drain.start()
-    try:
-        yield process
-    finally:
-        process.terminate()
-        process.wait(20)
-        drain.join()
-        process.stdout.close()
+    with process.stdout:
+        said = []
+        for line in process.stdout:
+            said.append(line)
+            if ready in line:
+                break
+        else:
+            process.wait()
+            raise AssertionError(f"{command[0]} did not start: {b''.join(said[-5:]).decode()}")
+        drain = threading.Thread(target=process.stdout.read)
+        drain.start()
+        try:
+            yield process
+        finally:
+            process.terminate()
+            process.wait(20)
+            drain.join()
 
 
 @contextlib.contextmanager
