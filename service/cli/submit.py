@@ -58,7 +58,12 @@ def run(args: argparse.Namespace) -> int:
         job = client.submit(args.scan, **params)
         print(job.id, flush=True)
         if args.wait or names:
-            _tell(_wait(client, job.id))
+            try:
+                done = _wait(client, job.id)
+            except KeyboardInterrupt:
+                print(f"visco: the job goes on; `visco cancel {job.id}` ends it", file=sys.stderr)
+                raise
+            _tell(done)
             for output, name in names.items():
                 client.download(job.id, name, output)
         return 0

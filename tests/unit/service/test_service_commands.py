@@ -15,6 +15,7 @@ import pytest
 from servicekit import sphere_scan, submit
 
 from service.cli.common import parse_settings
+from service.client import Client, Job
 from visco_core.cli import main
 
 COMMANDS = {found.name: found.value for found in entry_points(group="visco.commands")}
@@ -84,6 +85,39 @@ def refused_alone(*words: object, **environment: str) -> str:
     assert done.stderr.startswith("visco: ")
     assert done.stderr.count("\n") == 1, done.stderr
     return done.stderr
+
+
+def test_who_stops_waiting_is_told_how_to_cancel(
+    api: httpx.Client,
+    scan: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Client, "wait", interrupted)
+    assert main(["submit", str(scan), "--wait", "--url", str(api.base_url)]) == 130
+    said = capsys.readouterr()
+    assert f"visco cancel {said.out.strip()}" in said.err
+
+
+@pytest.mark.parametrize("outcome", ["complete", "budget_exhausted"])
+def test_a_result_that_is_not_what_was_asked_for_is_told(
+    outcome: str,
+    api: httpx.Client,
+    scan: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def finished(client: Client, job_id: str) -> Job:
+        told = {"code": outcome, "message": "The budget ended at 128.", "resolution": 128}
+        return Job.of({**client.get(job_id).raw, "result": {"outcome": told, "notes": []}})
+
+    monkeypatch.setattr(Client, "wait", finished)
+    assert main(["submit", str(scan), "--wait", "--url", str(api.base_url)]) == 0
+    expected = "" if outcome == "complete" else "visco: The budget ended at 128.\n"
+    assert capsys.readouterr().err == expected
 
 
 @pytest.mark.parametrize("command", ["serve", "api", "keys list"])
