@@ -14,6 +14,7 @@ from service.jobs.model import Attempt, Job, WorkerRecord
 from service.jobs.queues import Bell
 from service.jobs.reaper import Reaper
 from service.jobs.repository import JobRepository, LeaseLost
+from service.jobs.sweeper import sweep_strays
 from service.settings import Settings
 from worker.failures import hard_limit_failure
 from worker.identity import WorkerIdentity, device_name
@@ -107,6 +108,8 @@ class Parent:
             return session.scalar(statement)
 
     def _watch(self) -> None:
+        # On a machine without an API nobody else does.
+        sweep_strays(self.settings.data_dir / "tmp")
         while True:
             try:
                 with self.database.transaction() as unit:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 import time
 from datetime import timedelta
 from pathlib import Path
@@ -36,7 +37,7 @@ class Sweeper:
         self.sweep_jobs()
         self.sweep_uploads()
         self.sweep_records()
-        self.sweep_files(self.settings.data_dir / "tmp")
+        sweep_strays(self.settings.data_dir / "tmp")
 
     def sweep_jobs(self) -> int:
         """Delete finished jobs past their retention with all their bytes."""
@@ -81,12 +82,17 @@ class Sweeper:
             settled = Delivery.next_at.is_(None) & (Delivery.created_at < now - 7 * _DAY)
             session.execute(delete(Delivery).where(settled))
 
-    def sweep_files(self, folder: Path) -> None:
-        """Temporary files of processes that were killed."""
-        before = time.time() - _STRAY_SECONDS
-        for path in folder.glob("*"):
-            try:
-                if path.is_file() and path.stat().st_mtime < before:
-                    path.unlink()
-            except OSError as error:
-                log.debug("%s stays: %s", path, error)
+
+def sweep_strays(folder: Path) -> None:
+    """Remove what processes that were killed have left: files, and folders of attempts."""
+    before = time.time() - _STRAY_SECONDS
+    for path in folder.glob("*"):
+        try:
+            if path.lstat().st_mtime >= before:
+                continue
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+        except OSError as error:
+            log.debug("%s stays: %s", path, error)

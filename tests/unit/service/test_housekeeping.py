@@ -13,7 +13,7 @@ from servicekit import add_job, submit
 
 from service.db import Database, utc_now
 from service.jobs.model import IdempotencyKey, Job, WorkerRecord
-from service.jobs.sweeper import Sweeper
+from service.jobs.sweeper import Sweeper, sweep_strays
 from service.settings import Settings
 from service.storage import open_storage
 from service.webhooks.signature import shared_secret
@@ -74,14 +74,17 @@ def test_spent_keys_and_gone_workers_are_forgotten(
         assert [record.id for record in session.query(WorkerRecord)] == ["new"]
 
 
-def test_only_old_stray_files_are_removed(tmp_path: Path, sweeper: Sweeper) -> None:
+def test_only_old_strays_are_removed(tmp_path: Path) -> None:
     folder = tmp_path / "stray"
-    folder.mkdir()
     for name, hours in (("old", 25), ("new", 0)):
-        (folder / name).touch()
-        os.utime(folder / name, (time.time() - hours * 3600,) * 2)
-    sweeper.sweep_files(folder)
-    assert [path.name for path in folder.iterdir()] == ["new"]
+        attempt, upload = folder / f"{name} attempt", folder / f"{name} upload"
+        attempt.mkdir(parents=True)
+        (attempt / "scan.ply").touch()
+        upload.touch()
+        for path in (attempt, upload):
+            os.utime(path, (time.time() - hours * 3600,) * 2)
+    sweep_strays(folder)
+    assert {path.name for path in folder.iterdir()} == {"new attempt", "new upload"}
 
 
 def test_metrics_tell_requests_jobs_and_queue_depth(api: httpx.Client) -> None:
