@@ -61,9 +61,8 @@ def pixels(element: Locator) -> np.ndarray:
 
 _SHOW_LABELS = """(element, visibility) => {
   if (element.tagName !== "CANVAS") return;
-  for (const one of element.parentElement.children) {
-    if (one !== element) one.style.visibility = visibility;
-  }
+  const over = ".viewer-panel, .viewer-caption, .compass, .ruler, .stage-name";
+  for (const one of document.querySelectorAll(over)) one.style.visibility = visibility;
 }"""
 
 

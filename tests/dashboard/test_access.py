@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import gzip
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from browserkit import canvas_with
+from browserkit import canvas_with, finish, submit_sample
 from playwright.sync_api import Browser, BrowserContext, Page, expect
+from servicekit import until
 from workerkit import Service
 
 OpenPage = Callable[[str], Page]
@@ -40,7 +43,21 @@ def violations(page: Page) -> list[str]:
     ]
 
 
-def test_axe_finds_nothing_serious_on_any_page(look: Page, finished: str) -> None:
+@pytest.fixture(scope="module")
+def twin(service: Service, worker: None) -> str:
+    return finish(service, label="twin", resolution=64)
+
+
+@pytest.fixture(scope="module")
+def failed(service: Service, worker: None) -> str:
+    job_id = submit_sample(service, crop=[900, 900, 900, 901, 901, 901])
+    until(lambda: service.job(job_id)["status"] == "failed", 60)
+    return job_id
+
+
+def test_axe_finds_nothing_serious_on_any_page(
+    look: Page, finished: str, twin: str, failed: str
+) -> None:
     look.goto("/")
     expect(look.get_by_role("link", name="reference")).to_be_visible()
     look.get_by_role("checkbox", name="Select reference").check()
@@ -54,8 +71,20 @@ def test_axe_finds_nothing_serious_on_any_page(look: Page, finished: str) -> Non
     look.get_by_role("button", name="Section").click()
     look.get_by_role("button", name="Measure").click()
     assert violations(look) == []
+    look.get_by_label("Surface shown as").select_option("error")
+    expect(look.locator("figure.legend")).to_be_visible()
+    assert violations(look) == []
     look.goto(f"/compare?jobs={finished}")
     expect(look.get_by_role("heading", name="Choose a second job")).to_be_visible()
+    assert violations(look) == []
+    look.goto(f"/compare?jobs={finished},{twin}")
+    expect(look.locator('canvas[data-mesh="mesh.glb"]')).to_have_count(2)
+    assert violations(look) == []
+    look.goto(f"/new?retry={failed}")
+    expect(look.get_by_role("button", name="Run again")).to_be_enabled()
+    assert violations(look) == []
+    look.goto(f"/jobs/{failed}")
+    expect(look.get_by_role("alert")).to_contain_text("The job failed.")
     assert violations(look) == []
 
 
@@ -100,6 +129,21 @@ def test_little_is_loaded_before_there_is_something_to_look_at(open_page: OpenPa
     )
     assert sum(size for _, size in loaded) < _LARGEST_FIRST_LOAD
     assert not any("Viewer" in name for name, _ in loaded)
+
+
+def test_what_is_built_for_the_first_load_is_small(build: Path) -> None:
+    """The page, all that it names, and what those load at once; not what they import later."""
+    page = (build / "index.html").read_text()
+    found = re.findall(r'(?:src|href)="/(assets/[^"]+)"', page)
+    for name in found:
+        text = (build / name).read_text() if name.endswith((".js", ".css")) else ""
+        at_once = re.findall(r'(?:from|^import|;import)\s*"\./([^"]+\.js)"', text)
+        at_once += re.findall(r"url\(/assets/([^)]+)\)", text)
+        found += [f"assets/{one}" for one in at_once if f"assets/{one}" not in found]
+    assert not any("Viewer" in name for name in found)
+    assert any(name.endswith(".woff2") for name in found)
+    sizes = [len(gzip.compress((build / name).read_bytes())) for name in ["index.html", *found]]
+    assert sum(sizes) < _LARGEST_FIRST_LOAD
 
 
 def test_the_policy_lets_no_inline_script_run(context: BrowserContext) -> None:

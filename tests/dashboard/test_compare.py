@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from browserkit import finish, overlap, pixels, settle, silhouette
-from playwright.sync_api import Page, expect
+from browserkit import canvas_with, finish, overlap, pixels, settle, silhouette
+from playwright.sync_api import BrowserContext, Page, Route, expect
 from workerkit import Service
 
 OpenPage = Callable[[str], Page]
@@ -60,3 +60,48 @@ def test_one_job_alone_asks_for_another_of_its_scan(
     expect(page.get_by_role("heading", name="Choose a second job")).to_be_visible()
     page.get_by_label("Add a job of this scan").select_option(coarse)
     expect(page.get_by_role("heading", name="Metrics")).to_be_visible()
+
+
+def test_colors_mean_the_same_in_both_and_one_section_cuts_both(
+    open_page: OpenPage, finished: str, coarse: str
+) -> None:
+    page = open_page(f"/compare?jobs={finished},{coarse}")
+    canvases = page.locator('canvas[data-mesh="mesh.glb"]')
+    expect(canvases).to_have_count(2)
+    page.get_by_label("Surface shown as").select_option("error")
+    ends = page.get_by_label("Colors end at")
+    expect(ends).to_have_count(2)
+    assert ends.first.input_value() == ends.last.input_value()
+    ends.first.fill("0.07")
+    ends.first.press("Enter")
+    expect(ends.last).to_have_value("0.07")
+
+    page.get_by_label("Surface shown as").select_option("shaded")
+    settle(page)
+    whole = [silhouette(pixels(canvases.nth(index))) for index in range(2)]
+    page.get_by_role("button", name="Section").click()
+    settle(page)
+    cut = [silhouette(pixels(canvases.nth(index))) for index in range(2)]
+    for before, after in zip(whole, cut, strict=True):
+        assert after.sum() < 0.8 * before.sum()
+    assert overlap(*cut) > 0.9
+
+
+def test_a_viewer_that_comes_later_looks_where_the_first_looks(
+    context: BrowserContext, open_page: OpenPage, finished: str, coarse: str
+) -> None:
+    held: list[Route] = []
+    context.route(f"**/{coarse}/artifacts/*.glb", lambda route: held.append(route))
+    page = open_page(f"/compare?jobs={finished},{coarse}")
+    first = canvas_with(page, "mesh.glb")
+    first.focus()
+    for _ in range(6):
+        page.keyboard.press("ArrowRight")
+    settle(page)
+    turned = silhouette(pixels(first))
+    held[0].continue_()
+    canvases = page.locator('canvas[data-mesh="mesh.glb"]')
+    expect(canvases).to_have_count(2)
+    settle(page)
+    assert overlap(silhouette(pixels(canvases.first)), turned) > 0.99
+    assert overlap(silhouette(pixels(canvases.last)), turned) > 0.9

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 
+import pytest
 from browserkit import submit_sample
 from playwright.sync_api import BrowserContext, Page, expect
 from servicekit import submit
@@ -69,6 +70,39 @@ def test_the_log_and_every_file_can_be_had(open_page: OpenPage, finished: str) -
         page.get_by_role("link", name="mesh.ply").click()
     assert download.value.suggested_filename == "mesh.ply"
     assert download.value.path().read_bytes()[:3] == b"ply"
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_long_names_and_those_of_any_direction_keep_their_place(
+    context: BrowserContext, open_page: OpenPage, service: Service, width: int
+) -> None:
+    ids = []
+    for name in ("y" * 190, "\u0645\u0633\u062d 12", "a\u202egpj"):
+        reply = service.api.post(
+            "/v1/jobs",
+            files={"file": (f"{name}.xyz", b"0 0 0\n1 0 0\n0 1 0\n0 0 1\n")},
+            data={"params": json.dumps({"label": f"{name} {width}"})},
+        )
+        ids.append(reply.raise_for_status().json()["id"])
+    for path in ("/", *(f"/jobs/{one}" for one in ids), f"/compare?jobs={','.join(ids)}"):
+        page = open_page(path)
+        page.set_viewport_size({"width": width, "height": 800})
+        expect(page.locator("bdi").first).to_be_visible()
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, path
+        # Nothing that somebody typed turns the text after it.
+        assert "\u202e" not in page.locator("body").inner_text()
+        page.close()
+
+
+def test_a_job_that_ended_at_once_says_so_where_its_curves_would_be(
+    open_page: OpenPage, service: Service, worker: None
+) -> None:
+    job_id = submit_sample(service, crop=[900, 900, 900, 901, 901, 901])
+    page = open_page(f"/jobs/{job_id}")
+    expect(page.get_by_text("The job ended before its first step.")).to_be_visible()
+    # There is a scan to see, but no surface to choose a look for.
+    expect(page.get_by_role("button", name="Section")).to_be_visible()
+    expect(page.get_by_label("Surface shown as")).to_have_count(0)
 
 
 def test_names_are_text_and_nothing_else(open_page: OpenPage, service: Service) -> None:

@@ -95,6 +95,20 @@ def test_the_list_filters_by_state_and_sorts_by_name(page: Page, database: Datab
     assert names(page) == ["b", "c"]
 
 
+def test_a_phone_sorts_and_marks_as_well(page: Page, database: Database) -> None:
+    for label in ("b", "a"):
+        add_job(database, label=label, status="succeeded")
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.goto("/")
+    expect(page.get_by_role("link", name="a", exact=True)).to_be_visible()
+    page.get_by_role("button", name="Name").click()
+    assert names(page) == ["a", "b"]
+    page.get_by_role("button", name="Name").click()
+    assert names(page) == ["b", "a"]
+    page.get_by_role("checkbox", name="Select all shown jobs").check()
+    expect(page.get_by_text("2 selected")).to_be_visible()
+
+
 def test_a_bulk_delete_can_be_taken_back_and_else_happens(
     page: Page, database: Database, api: httpx.Client
 ) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from browserkit import canvas_with, finish
 from playwright.sync_api import Browser, BrowserContext, Page, expect
 from servicekit import add_job, make_settings, open_database, running_api, submit
 from workerkit import ENDLESS, Service
@@ -14,6 +16,7 @@ from service.auth.service import KeyService
 
 OpenPage = Callable[[str], Page]
 _AWAY = "The server cannot be reached."
+_EXPIRED = "The files of this job have expired. Retry it to make them again."
 
 
 def test_the_list_recovers_when_the_server_comes_back(
@@ -63,16 +66,21 @@ def test_an_unknown_page_is_no_dead_end(open_page: OpenPage) -> None:
 
 
 def test_expired_files_are_said_to_be_expired(
-    context: BrowserContext, open_page: OpenPage, finished: str
+    open_page: OpenPage, service: Service, worker: None
 ) -> None:
-    body = '{"code": "artifact_expired", "detail": "Run the job again.", "status": 410}'
-    context.route(
-        "**/artifacts/*.glb",
-        lambda route: route.fulfill(status=410, content_type="application/problem+json", body=body),
-    )
-    page = open_page(f"/jobs/{finished}")
-    expect(page.get_by_text("The files of this job have expired.")).to_be_visible()
-    expect(page.get_by_role("link", name="Retry with changes")).to_be_visible()
+    job_id = finish(service, resolution=64, label="expired")
+    shutil.rmtree(service.settings.data_dir / "storage" / "artifacts" / job_id)
+    page = open_page(f"/jobs/{job_id}")
+    expect(page.locator(".viewer-caption")).to_have_text(_EXPIRED)
+    page.get_by_role("link", name="mesh.ply").click()
+    expect(page.locator(".toast")).to_have_text(_EXPIRED)
+    assert page.url.endswith(job_id), "no page of raw JSON"
+    # What happened is still known from the job's events.
+    expect(page.get_by_label("Log", exact=True)).to_contain_text("Reached the full resolution")
+    page.get_by_role("link", name="Retry with changes").click()
+    page.get_by_role("button", name="Run again").click()
+    page.wait_for_url(lambda url: "/jobs/" in url and job_id not in url)
+    canvas_with(page, "mesh.glb")
 
 
 def test_a_key_is_asked_for_and_stays_out_of_addresses_and_logs(

@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from browserkit import canvas_with, pixels, silhouette
-from playwright.sync_api import BrowserContext, Page, Route, expect
+from playwright.sync_api import BrowserContext, CDPSession, Page, Route, expect
 from servicekit import sphere_scan, until
 from workerkit import Service
 
@@ -58,6 +59,67 @@ def test_a_new_job_takes_the_settings_of_an_earlier_one(open_page: OpenPage, fin
     page = open_page(f"/new?like={finished}")
     expect(page.get_by_label("Resolution", exact=False).first).to_have_value("128")
     expect(page.get_by_label("Label")).to_have_value("")
+
+
+def test_settings_that_were_chosen_first_stay_when_the_files_come(
+    open_page: OpenPage, finished: str
+) -> None:
+    page = open_page(f"/new?like={finished}")
+    field = page.get_by_label("Resolution", exact=False).first
+    expect(field).to_have_value("128")
+    page.get_by_label("Label").fill("after all")
+    page.get_by_role("button", name="Take the sample").click()
+    expect(page.get_by_role("button", name="Remove octopus.ply")).to_be_visible()
+    expect(field).to_have_value("128")
+    expect(page.get_by_label("Label")).to_have_value("after all")
+
+
+def test_files_and_folders_are_dropped_on_any_page(open_page: OpenPage, tmp_path: Path) -> None:
+    deep = tmp_path / "parts" / "left" / "deep"
+    deep.mkdir(parents=True)
+    for path in (tmp_path / "one.ply", tmp_path / "parts" / "two.xyz", deep / "three.PLY"):
+        path.write_bytes(sphere_scan())
+    (deep / "notes.pdf").write_bytes(b"%PDF")
+    (deep / ".hidden").write_bytes(b"")
+    page = open_page("/")
+    drop(page, [tmp_path / "one.ply", tmp_path / "parts"])
+    expect(page.get_by_role("heading", name="3 scans")).to_be_visible()
+    expect(page.get_by_text("1 file is no scan and left out.")).to_be_visible()
+    names = page.get_by_role("list", name="Chosen scans").locator("bdi").all_inner_texts()
+    assert names == ["one.ply", "three.PLY", "two.xyz"]
+
+
+def test_a_folder_of_many_scans_is_taken_whole(open_page: OpenPage, tmp_path: Path) -> None:
+    # A browser lists a folder in pieces of a hundred.
+    for number in range(230):
+        (tmp_path / f"part {number}.xyz").write_bytes(b"0 0 0\n")
+    page = open_page("/new")
+    drop(page, [tmp_path])
+    expect(page.get_by_role("heading", name="230 scans")).to_be_visible()
+    names = page.get_by_role("list", name="Chosen scans").locator("bdi").all_inner_texts()
+    assert names == [f"part {number}.xyz" for number in range(230)]
+
+
+def test_a_drop_without_a_scan_says_so(open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page("/")
+    drop(page, [tmp_path])
+    expect(page.get_by_text("There is no scan in it.")).to_be_visible()
+
+
+def drop(page: Page, paths: list[Path]) -> None:
+    """Drag files and folders from the file manager onto the page and let go."""
+    session = page.context.new_cdp_session(page)
+    dragged = {"items": [], "files": [str(path) for path in paths], "dragOperationsMask": 1}
+    for step in ("dragEnter", "dragOver"):
+        _drag(session, step, dragged)
+    expect(page.get_by_text("Drop scans or folders to reconstruct them")).to_be_visible()
+    _drag(session, "drop", dragged)
+    expect(page.get_by_text("Drop scans or folders to reconstruct them")).to_have_count(0)
+
+
+def _drag(session: CDPSession, step: str, dragged: dict[str, Any]) -> None:
+    event = {"type": step, "x": 300, "y": 300, "data": dragged}
+    session.send("Input.dispatchDragEvent", event)
 
 
 def test_a_refused_file_says_why_and_the_others_go_on(

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 from browserkit import canvas_with, overlap, pixels, settle, silhouette
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, Route, expect
@@ -117,3 +118,122 @@ def test_without_webgl_there_is_a_picture(
     expect(picture).to_be_visible()
     assert pixels(picture).std() > 20
     context.close()
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
+def test_the_first_look_shows_all_of_it_and_not_much_else(
+    browser: Browser, service: Service, finished: str, size: tuple[int, int]
+) -> None:
+    context = browser.new_context(
+        base_url=str(service.api.base_url), viewport={"width": size[0], "height": size[1]}
+    )
+    page = context.new_page()
+    page.goto(f"/jobs/{finished}")
+    seen = silhouette(pixels(canvas_with(page, "mesh.glb")))
+    height, width = seen.shape
+    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    assert rows[0] > 0.01 * height
+    assert rows[-1] < 0.99 * height
+    assert columns[0] > 0.01 * width
+    assert columns[-1] < 0.99 * width
+    assert max(np.ptp(rows) / height, np.ptp(columns) / width) > 0.85
+    context.close()
+
+
+def test_no_inside_shines_through_at_the_outline(open_page: OpenPage, finished: str) -> None:
+    page = open_page(f"/jobs/{finished}")
+    canvas = canvas_with(page, "mesh.glb")
+    page.get_by_label("Surface shown as").select_option("shaded")
+    settle(page)
+    red, _, blue = np.moveaxis(pixels(canvas).astype(int), 2, 0)
+    assert (red - blue > 25).sum() < 10
+    page.get_by_role("button", name="Section").click()
+    settle(page)
+    red, _, blue = np.moveaxis(pixels(canvas).astype(int), 2, 0)
+    assert (red - blue > 25).sum() > 1000, "the inside has a color of its own"
+
+
+def test_a_scan_that_lies_is_stood_upright_and_stays_so(open_page: OpenPage, finished: str) -> None:
+    page = open_page(f"/jobs/{finished}")
+    canvas = canvas_with(page, "mesh.glb")
+    upright = silhouette(pixels(canvas))
+    page.get_by_label("Up in the view").select_option("-z")
+    settle(page)
+    over = silhouette(pixels(canvas))
+    assert overlap(upright, over) < 0.7
+    page.reload()
+    canvas = canvas_with(page, "mesh.glb")
+    assert overlap(silhouette(pixels(canvas)), over) > 0.99
+    page.get_by_label("Up in the view").select_option("z")
+    settle(page)
+    assert overlap(silhouette(pixels(canvas)), upright) > 0.93
+
+
+def test_the_axes_lead_to_the_sides(open_page: OpenPage, finished: str) -> None:
+    page = open_page(f"/jobs/{finished}")
+    canvas = canvas_with(page, "mesh.glb")
+    sides = {}
+    for axis in ("+X", "−X", "+Y", "+Z"):
+        page.get_by_role("button", name=f"Look from {axis}").click()
+        settle(page)
+        sides[axis] = silhouette(pixels(canvas))
+    # From the opposite side one sees nearly the same outline, mirrored.
+    assert overlap(sides["+X"], sides["−X"][:, ::-1]) > 0.75
+    assert overlap(sides["+X"], sides["−X"]) < 0.7
+    assert overlap(sides["+X"], sides["+Y"]) < 0.75
+    assert overlap(sides["+X"], sides["+Z"]) < 0.5
+
+
+def test_the_view_is_moved_and_centred_as_well_as_turned(
+    open_page: OpenPage, finished: str
+) -> None:
+    page = open_page(f"/jobs/{finished}")
+    canvas = canvas_with(page, "mesh.glb")
+    _, before = np.nonzero(silhouette(pixels(canvas)))
+    canvas.focus()
+    for _ in range(3):
+        page.keyboard.press("Shift+ArrowRight")
+    settle(page)
+    _, after = np.nonzero(silhouette(pixels(canvas)))
+    assert after.mean() > before.mean() + 40
+
+    page.keyboard.press("f")
+    settle(page)
+    seen = silhouette(pixels(canvas))
+    rows, columns = np.nonzero(seen)
+    tip = columns.argmin()
+    canvas.dblclick(position={"x": int(columns[tip]) + 5, "y": int(rows[tip])})
+    settle(page)
+    _, columns = np.nonzero(silhouette(pixels(canvas)))
+    assert abs(columns.min() - seen.shape[1] / 2) < 0.05 * seen.shape[1]
+
+
+def test_a_saved_picture_tells_what_its_colors_and_lines_mean(
+    open_page: OpenPage, finished: str, tmp_path: Path
+) -> None:
+    page = open_page(f"/jobs/{finished}")
+    canvas = canvas_with(page, "mesh.glb")
+    plain = _saved(page, tmp_path / "plain.png")
+    page.get_by_label("Surface shown as").select_option("error")
+    page.locator(".legend").wait_for()
+    page.get_by_role("button", name="Measure").click()
+    rows, columns = np.nonzero(silhouette(pixels(canvas)))
+    for end in (rows.argmin(), columns.argmax()):
+        canvas.click(position={"x": int(columns[end]) - 3, "y": int(rows[end]) + 6})
+    expect(page.get_by_text(re.compile(r"^[\d.]+ scan units$"))).to_be_visible()
+    told = _saved(page, tmp_path / "told.png")
+    # The bar goes from viridis' violet to its yellow.
+    bar = told[-37:-27, 16:236].astype(int).mean(axis=0)
+    assert bar[2, 2] > bar[2, 1] + 40
+    assert bar[-3, 0] > bar[-3, 2] + 100
+    assert np.abs(plain[-37:-27, 16:236].astype(int) - plain[-37:-27, 16:17]).max() < 12
+    # The line runs over the background beside the head.
+    beside = ~silhouette(plain)
+    assert (told[beside].max(axis=1) < 60).sum() > (plain[beside].max(axis=1) < 60).sum() + 50
+
+
+def _saved(page: Page, path: Path) -> np.ndarray:
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save a picture").click()
+    download.value.save_as(path)
+    return np.asarray(Image.open(path).convert("RGB"))

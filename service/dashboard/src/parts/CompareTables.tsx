@@ -80,10 +80,14 @@ export function SettingsTable({ jobs }: { jobs: readonly Job[] }) {
   );
 }
 
+// Pixels that the columns need at least; a smaller screen scrolls them.
+const FIRST_COLUMN = 120;
+const COLUMN = 96;
+
 function Columns({ jobs, children }: { jobs: readonly Job[]; children: ComponentChildren }) {
   return (
     <div class="table-scroll" tabIndex={0} role="group" aria-label="Table">
-      <table class="columns">
+      <table class="columns" style={{ minWidth: `${FIRST_COLUMN + COLUMN * jobs.length}px` }}>
         <thead>
           <tr>
             <td />

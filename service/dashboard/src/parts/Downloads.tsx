@@ -45,7 +45,7 @@ async function download(event: Event, file: Artifact): Promise<void> {
       save(address, file.name);
       setTimeout(() => URL.revokeObjectURL(address), 60_000);
     } else {
-      await call(file.url, { method: "HEAD" });
+      await call(file.url, { headers: { Range: "bytes=0-0" }, cache: "no-store" });
       save(file.url, file.name);
     }
   } catch (error) {

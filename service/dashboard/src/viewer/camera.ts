@@ -20,6 +20,7 @@ export class Eye {
   /** Look along `direction` (from the middle to the eye) so that all of `places` is seen. */
   fit(places: readonly Vector3[], direction: Vector3): void {
     const { camera, controls } = this;
+    this.stop();
     camera.position.copy(direction);
     camera.lookAt(0, 0, 0);
     const [right, up, back] = [new Vector3(), new Vector3(), new Vector3()];
@@ -66,6 +67,7 @@ export class Eye {
 
   /** Turn around this place from now on; the direction of the view stays. */
   lookAt(place: Vector3): void {
+    this.stop();
     this.camera.position.add(place).sub(this.controls.target);
     this.controls.target.copy(place);
     this.controls.update();
@@ -76,6 +78,15 @@ export class Eye {
     const steps = Math.min(MOST_STEPS, Math.max(1, milliseconds / STEP_MILLISECONDS));
     this.controls.dampingFactor = 1 - (1 - DAMPING) ** steps;
     this.controls.update();
+  }
+
+  /** End a turn that still fades out. */
+  private stop(): void {
+    const { controls } = this;
+    const damped = controls.enableDamping;
+    controls.enableDamping = false;
+    controls.update();
+    controls.enableDamping = damped;
   }
 
   /** Depth is resolved best when its range follows the distance. */

@@ -63,7 +63,7 @@ const FRAGMENT = `
   varying vec3 vColor;
   uniform vec3 surface;
   uniform vec3 inside;
-  const float HAIR = 0.15;
+  const float HAIR = 0.3;
   ${STUDIO}
 
   void main() {

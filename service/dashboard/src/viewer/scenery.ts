@@ -25,7 +25,7 @@ export interface Shown {
 
 const PLACES_LOOKED_AT = 4000;
 // Points this much larger than their mean spacing leave no gaps between them.
-const CLOSING = 1.6;
+const CLOSING = 2;
 // A scan's surface in units of its largest extent squared; that of a ball is 3.1, of a plate 1.
 const TYPICAL_AREA = 2;
 

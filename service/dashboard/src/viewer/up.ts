@@ -6,6 +6,10 @@ export function isPositive(up: Up): boolean {
   return up.length === 1;
 }
 
+export function opposite(up: Up): Up {
+  return UPS[(UPS.indexOf(up) + 3) % 6]!;
+}
+
 export function upName(up: Up): string {
   return isPositive(up) ? `+${up.toUpperCase()}` : `−${up.at(-1)!.toUpperCase()}`;
 }
