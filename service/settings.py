@@ -14,7 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
 
-from pydantic import Field, SecretStr, field_validator
+from pydantic import Field, SecretStr, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 DeviceClass = Literal["cpu", "cuda"]
@@ -23,6 +23,13 @@ DEVICE_CLASSES: tuple[DeviceClass, ...] = get_args(DeviceClass)
 # A unix socket's path may have 107 bytes; a data folder deep in a home can exceed it.
 _LONGEST_SOCKET_PATH = 100
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "::1")
+# What the addresses of other programs begin with.
+_SCHEMES = {
+    "database_url": ("postgresql://", "postgresql+psycopg://", "postgres://", "sqlite:///"),
+    "redis_url": ("redis://", "rediss://", "unix://"),
+    "storage_url": ("s3://",),
+    "s3_endpoint_url": ("http://", "https://"),
+}
 
 
 def default_data_dir() -> Path:
@@ -111,6 +118,14 @@ class Settings(BaseSettings):
     def _absolute(cls, value: Path) -> Path:
         return value.expanduser().resolve()
 
+    @field_validator(*_SCHEMES)
+    @classmethod
+    def _known_scheme(cls, value: str, info: ValidationInfo) -> str:
+        schemes = _SCHEMES[str(info.field_name)]
+        if value and not value.startswith(schemes):
+            raise ValueError(f"The address must begin with {' or '.join(schemes)}")
+        return value
+
     @property
     def sqlalchemy_url(self) -> str:
         return self.database_url or f"sqlite:///{self.data_dir / 'visco.db'}"
@@ -162,6 +177,10 @@ def _as_variable(value: object) -> str:
     return str(value)
 
 
+def _sentence(message: str) -> str:
+    return f"{message.removeprefix('Value error, ')}."
+
+
 def load_settings(**overrides: object) -> Settings:
     """Settings from the environment; ``overrides`` that are not None win.
 
@@ -173,7 +192,7 @@ def load_settings(**overrides: object) -> Settings:
         return Settings(**{k: v for k, v in overrides.items() if v is not None})  # type: ignore[arg-type]
     except ValidationError as error:
         lines = [
-            f"visco: VISCO_{'_'.join(map(str, item['loc'])).upper()}: {item['msg']}."
+            f"visco: VISCO_{'_'.join(map(str, item['loc'])).upper()}: {_sentence(item['msg'])}"
             for item in error.errors()
         ]
         print("\n".join(lines), file=sys.stderr)
