@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-from servicekit import make_settings, read_events, running_api, sphere_scan, submit
+from servicekit import make_settings, read_events, running_api, sphere_scan, submit, until
 
 from service.settings import Settings
 from visco_core.io import HEAD_BYTES
@@ -289,9 +288,7 @@ def test_the_log_tells_what_changes_something_or_is_refused(
         return [line for line in lines if "/v1/" in line]
 
     # A line is written after its answer has been sent.
-    deadline = time.monotonic() + 10
-    while len(told()) < 2 and time.monotonic() < deadline:
-        time.sleep(0.01)
+    until(lambda: len(told()) == 2)
     assert told() == ["POST /v1/jobs 202", "GET /v1/jobs/nope 404"]
 
 
