@@ -7,7 +7,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 from servicekit import add_job, make_settings, open_database, running_api, submit, until
 
 from service.db import Database
@@ -128,6 +128,29 @@ def test_a_bulk_delete_can_be_taken_back_and_else_happens(
     page.get_by_role("button", name="Delete").click()
     until(lambda: page.evaluate("1") and len(api.get("/v1/jobs").json()["jobs"]) == 1)
     assert names(page) == ["keep"]
+
+
+def test_a_bulk_delete_waits_when_the_server_is_crowded(
+    page: Page, database: Database, api: httpx.Client
+) -> None:
+    for label in ("one", "two"):
+        add_job(database, label=label, status="succeeded")
+    refused: list[str] = []
+
+    def handle(route: Route) -> None:
+        if route.request.method != "DELETE" or refused:
+            route.continue_()
+            return
+        refused.append(route.request.url)
+        body = '{"code": "rate_limited", "detail": "Wait a second.", "status": 429}'
+        route.fulfill(status=429, body=body, headers={"Retry-After": "1"})
+
+    page.route("**/v1/jobs/*", handle)
+    page.goto("/")
+    page.get_by_role("checkbox", name="Select all shown jobs").check()
+    page.get_by_role("button", name="Delete").click()
+    until(lambda: page.evaluate("1") and api.get("/v1/jobs").json()["jobs"] == [])
+    assert len(refused) == 1
 
 
 def test_leaving_the_page_does_not_lose_a_delete(

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from browserkit import canvas_with, pixels, silhouette
+from browserkit import canvas_with, pixels, settle, silhouette
 from playwright.sync_api import BrowserContext, CDPSession, Page, Route, expect
 from servicekit import sphere_scan, until
 from workerkit import Service
@@ -106,13 +106,29 @@ def test_a_drop_without_a_scan_says_so(open_page: OpenPage, tmp_path: Path) -> N
     expect(page.get_by_text("There is no scan in it.")).to_be_visible()
 
 
+def test_a_drag_that_goes_elsewhere_leaves_the_page_as_it_was(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
+    page = open_page("/")
+    session = page.context.new_cdp_session(page)
+    dragged = {"items": [], "files": [str(tmp_path)], "dragOperationsMask": 1}
+    _drag(session, "dragEnter", dragged)
+    expect(page.get_by_text("Drop scans or folders to reconstruct them")).to_be_visible()
+    _drag(session, "dragCancel", dragged)
+    expect(page.get_by_text("Drop scans or folders to reconstruct them")).to_have_count(0)
+
+
 def drop(page: Page, paths: list[Path]) -> None:
     """Drag files and folders from the file manager onto the page and let go."""
     session = page.context.new_cdp_session(page)
     dragged = {"items": [], "files": [str(path) for path in paths], "dragOperationsMask": 1}
-    for step in ("dragEnter", "dragOver"):
-        _drag(session, step, dragged)
+    _drag(session, "dragEnter", dragged)
     expect(page.get_by_text("Drop scans or folders to reconstruct them")).to_be_visible()
+    # The browser drops only where the page has said that it takes the files, and asks it
+    # again and again while they hover.
+    page.evaluate("() => addEventListener('dragover', () => { window.asked = true })")
+    until(lambda: _drag(session, "dragOver", dragged) or page.evaluate("window.asked === true"))
+    settle(page)
     _drag(session, "drop", dragged)
     expect(page.get_by_text("Drop scans or folders to reconstruct them")).to_have_count(0)
 
@@ -132,10 +148,32 @@ def test_a_refused_file_says_why_and_the_others_go_on(
         [tmp_path / "good.ply", tmp_path / "bad.ply"]
     )
     page.get_by_role("button", name="Reconstruct 2 scans").click()
-    uploads = page.get_by_role("heading", name="Uploads").locator("..")
+    uploads = page.locator("section").filter(has=page.get_by_role("heading", name="Uploads"))
     expect(uploads.get_by_role("link", name="Open")).to_have_count(1)
     expect(uploads.get_by_role("button", name="Try again")).to_have_count(1)
     assert uploads.locator(".error").inner_text() != ""
+    expect(uploads).to_contain_text("1 of 2 submitted")
+    # What needs a hand stands first.
+    assert uploads.locator("li bdi").all_inner_texts() == ["bad.ply", "good.ply"]
+    uploads.get_by_role("button", name="Clear").click()
+    assert uploads.locator("li bdi").all_inner_texts() == ["bad.ply"]
+
+
+def test_many_scans_are_submitted_in_their_order_and_leave_one_where_one_is(
+    open_page: OpenPage, service: Service, tmp_path: Path
+) -> None:
+    names = [f"scan {number}.ply" for number in range(5)]
+    for name in names:
+        (tmp_path / name).write_bytes(sphere_scan())
+    page = open_page("/new")
+    page.locator("input[type=file][multiple]").set_input_files([tmp_path / name for name in names])
+    page.get_by_role("button", name="Reconstruct 5 scans").click()
+    expect(page.get_by_text("5 of 5 submitted")).to_be_visible()
+    assert page.url.endswith("/new")
+    jobs = service.api.get("/v1/jobs", params={"limit": 5}).json()["jobs"]
+    places = [names.index(job["scan"]["name"]) for job in reversed(jobs)]
+    # Two go at once, so that neighbors may change places.
+    assert all(abs(place - at) <= 1 for at, place in enumerate(places))
 
 
 def test_an_upload_goes_on_where_the_connection_was_lost(

@@ -141,12 +141,11 @@ function SameAs({ now }: { now: string }) {
 
 /** A single scan's job is opened as soon as it exists; of many, the list tells. */
 function useOpenOnlyItem(): void {
-  const first = items.value[0];
-  const single = items.value.length === 1 || items.value[1]?.state === "done";
+  const last = items.value.at(-1);
   const opened = useSignal(new Set(items.peek().map((item) => item.key)));
   useEffect(() => {
-    if (!first || first.state !== "done" || !single || opened.value.has(first.key)) return;
-    opened.value = new Set([...opened.value, first.key]);
-    navigate(`/jobs/${first.jobId}`);
-  }, [first, single]);
+    if (last?.state !== "done" || !last.alone || opened.value.has(last.key)) return;
+    opened.value = new Set([...opened.value, last.key]);
+    navigate(`/jobs/${last.jobId}`);
+  }, [last]);
 }

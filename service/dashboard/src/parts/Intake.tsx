@@ -4,7 +4,7 @@ import sample from "../../../../visco_core/samples/octopus.ply?url";
 import { SCAN_ENDINGS } from "../logic/files";
 import { bytes, percent, plainName } from "../logic/format";
 import { online } from "../state/connection";
-import { again, chosen, giveUp, items, type Item } from "../state/intake";
+import { again, chosen, clearDone, giveUp, items, type Item } from "../state/intake";
 import { say } from "../state/toasts";
 import { Icon } from "./Icon";
 import { Name } from "./Name";
@@ -90,18 +90,38 @@ export function ChosenFiles() {
 }
 
 export function SentFiles() {
-  if (items.value.length === 0) return null;
+  const all = items.value;
+  if (all.length === 0) return null;
+  const done = all.filter((item) => item.state === "done").length;
   return (
-    <section class="card panel">
-      <h2>Uploads</h2>
+    <section class="card panel stack">
+      <div class="row">
+        <h2>Uploads</h2>
+        <span class="muted small grow" role="status">
+          {done} of {all.length} submitted
+        </span>
+        {done > 0 && (
+          <>
+            <button type="button" class="button small-button" onClick={clearDone}>
+              Clear
+            </button>
+            <a class="button small-button" href="/">
+              All jobs
+            </a>
+          </>
+        )}
+      </div>
       <ul class="files">
-        {items.value.map((item) => (
+        {all.toSorted((a, b) => URGENCY[a.state] - URGENCY[b.state]).map((item) => (
           <SentFile key={item.key} item={item} />
         ))}
       </ul>
     </section>
   );
 }
+
+/** What needs a hand comes first, what is over last. */
+const URGENCY: Record<Item["state"], number> = { failed: 0, submitting: 1, uploading: 1, waiting: 2, done: 3 };
 
 function SentFile({ item }: { item: Item }) {
   const fraction = item.file.size > 0 ? item.sent / item.file.size : 1;

@@ -5,6 +5,8 @@ import type { LossPoint } from "../logic/history";
 
 const WIDTH = 310;
 const HEIGHT = 130;
+// A level with less room than this goes unnamed; the time line above has its name too.
+const LABEL_WIDTH = 28;
 
 export function LossChart({ points, ended }: { points: readonly LossPoint[]; ended: boolean }) {
   const { curves, ticks, levels } = chart(points, WIDTH, HEIGHT);
@@ -22,12 +24,14 @@ export function LossChart({ points, ended }: { points: readonly LossPoint[]; end
             </text>
           </g>
         ))}
-        {levels.map(([resolution, x]) => (
+        {levels.map(([resolution, x], place) => (
           <g key={x} class="level">
             <line x1={x} x2={x} y1={0} y2={HEIGHT} />
-            <text x={x + 4} y={-5}>
-              {resolution}
-            </text>
+            {(levels[place + 1]?.[1] ?? Infinity) - x > LABEL_WIDTH && (
+              <text x={x + 4} y={-5}>
+                {resolution}
+              </text>
+            )}
           </g>
         ))}
         {curves.map(({ name, path }) => (

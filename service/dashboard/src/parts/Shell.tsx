@@ -109,23 +109,28 @@ function Toasts() {
 function DropTarget() {
   const [over, setOver] = useState(false);
   useEffect(() => {
-    let depth = 0;
+    let hiding = 0;
     const isFiles = (event: DragEvent) => event.dataTransfer?.types.includes("Files") ?? false;
-    const enter = (event: DragEvent) => {
-      if (isFiles(event)) setOver(++depth > 0);
+    const show = (event: DragEvent) => {
+      if (!isFiles(event)) return;
+      event.preventDefault();
+      setOver(true);
+      // A drag that ends elsewhere does not always say so; while it lasts it keeps calling.
+      clearTimeout(hiding);
+      hiding = window.setTimeout(hide, 1000);
     };
-    const leave = (event: DragEvent) => {
-      if (isFiles(event)) setOver(--depth > 0);
+    const hide = () => {
+      clearTimeout(hiding);
+      setOver(false);
     };
-    const allow = (event: DragEvent) => isFiles(event) && event.preventDefault();
+    const leave = (event: DragEvent) => event.relatedTarget === null && hide();
     const drop = (event: DragEvent) => {
       if (!event.dataTransfer || !isFiles(event)) return;
       event.preventDefault();
-      depth = 0;
-      setOver(false);
+      hide();
       droppedFiles(event.dataTransfer).then(takeFiles, () => say("What was dropped could not be read.", "bad"));
     };
-    const handlers = { dragenter: enter, dragleave: leave, dragover: allow, drop } as const;
+    const handlers = { dragenter: show, dragover: show, dragleave: leave, drop } as const;
     for (const [name, handler] of Object.entries(handlers)) addEventListener(name, handler as EventListener);
     return () => {
       for (const [name, handler] of Object.entries(handlers)) removeEventListener(name, handler as EventListener);

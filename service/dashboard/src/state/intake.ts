@@ -1,15 +1,17 @@
 /** Scans on their way in: each file is uploaded and then submitted with its settings. */
 import { computed, signal } from "@preact/signals";
 import { submitJob } from "../api/calls";
-import { sentence, Unreachable } from "../api/http";
+import { sentence } from "../api/http";
+import { patiently } from "../api/patience";
 import type { Params } from "../api/types";
 import { uploadFile } from "../api/upload";
-import { whenOnline } from "./connection";
 import { remember } from "./jobs";
 
 export interface Item {
   key: string;
   file: File;
+  /** Nothing else was submitted with it. */
+  alone: boolean;
   params: Params;
   state: "waiting" | "uploading" | "submitting" | "done" | "failed";
   sent: number;
@@ -38,13 +40,14 @@ export function send(files: readonly File[], params: Params): void {
   const fresh = files.map((file) => ({
     key: newKey(),
     file,
+    alone: files.length === 1,
     params,
     state: "waiting" as const,
     sent: 0,
     error: "",
     jobId: "",
   }));
-  items.value = [...fresh, ...items.peek()];
+  items.value = [...items.peek(), ...fresh];
   next();
 }
 
@@ -52,6 +55,11 @@ export function giveUp(key: string): void {
   stoppers.get(key)?.abort();
   items.value = items.peek().filter((item) => item.key !== key);
   next();
+}
+
+/** Those that are submitted need no place here. */
+export function clearDone(): void {
+  items.value = items.peek().filter((item) => item.state !== "done");
 }
 
 export function again(key: string): void {
@@ -62,7 +70,7 @@ export function again(key: string): void {
 function next(): void {
   const busy = items.peek().filter((item) => stoppers.has(item.key)).length;
   const waiting = items.peek().filter((item) => item.state === "waiting" && !stoppers.has(item.key));
-  for (const item of waiting.toReversed().slice(0, AT_ONCE - busy)) void work(item);
+  for (const item of waiting.slice(0, AT_ONCE - busy)) void work(item);
 }
 
 async function work(item: Item): Promise<void> {
@@ -83,16 +91,9 @@ async function work(item: Item): Promise<void> {
 }
 
 async function submit(uploadId: string, item: Item, signal: AbortSignal): Promise<string> {
-  for (;;) {
-    try {
-      const job = await submitJob(uploadId, item.params, item.key);
-      remember(job);
-      return job.id;
-    } catch (error) {
-      if (!(error instanceof Unreachable)) throw error;
-      await whenOnline(500, signal);
-    }
-  }
+  const job = await patiently(() => submitJob(uploadId, item.params, item.key), signal);
+  remember(job);
+  return job.id;
 }
 
 function change(key: string, fields: Partial<Item>): void {

@@ -2,6 +2,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { cancelJob, deleteJob, fetchInfo, fetchJob, fetchJobs } from "../api/calls";
 import { Refused, sentence, Unreachable } from "../api/http";
+import { patiently } from "../api/patience";
 import { type Info, isActive, type Job } from "../api/types";
 import {
   ended,
@@ -139,7 +140,7 @@ async function sendAll(ids: readonly string[], send: (id: string) => Promise<unk
   const refusals: string[] = [];
   for (const id of ids) {
     try {
-      await send(id);
+      await patiently(() => send(id));
       done.push(id);
     } catch (error) {
       const settled = error instanceof Refused && ["job_finished", "job_not_found"].includes(error.code);
