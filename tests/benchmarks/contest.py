@@ -46,10 +46,14 @@ class Case:
 
 @dataclass(frozen=True)
 class Score:
-    """What a method made of a case; ``metrics`` and ``health`` are None where it made no mesh."""
+    """What a method made of a case; ``metrics`` and ``health`` are None where it made no mesh.
+
+    mesh: the path of what it wrote.
+    """
 
     case: str
     method: str
+    mesh: str
     runs: list[Run]
     metrics: dict[str, Any] | None
     health: dict[str, Any] | None
@@ -71,9 +75,14 @@ class Score:
 
 def add_contest_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--repeats", type=int, default=1, help="runs of each; times are medians")
+    parser.add_argument("--no-warm-up", action="store_true", help="count the first, cold run too")
+    add_run_arguments(parser)
+
+
+def add_run_arguments(parser: argparse.ArgumentParser) -> None:
+    """What a benchmark needs that compares results and not times."""
     parser.add_argument("--samples", type=int, default=1_000_000, help="points for a surface")
     parser.add_argument("--timeout", type=float, default=1800.0, help="seconds for one run")
-    parser.add_argument("--no-warm-up", action="store_true", help="count the first, cold run too")
     parser.add_argument("--work", type=Path, default=Path("out/bench"), help="keeps the meshes")
     parser.add_argument("--json", type=Path, help="also write everything here")
 
@@ -131,7 +140,7 @@ def _score(case: Case, method: Method, runs: list[Run], out: Path, samples: int)
     except InputError as error:
         if not any(run.problem for run in runs):
             runs = [dataclasses.replace(run, problem=error.detail) for run in runs]
-    return Score(case.name, method.name, runs, metrics, health, iou, case.tags)
+    return Score(case.name, method.name, str(out), runs, metrics, health, iou, case.tags)
 
 
 def _machine() -> dict[str, Any]:

@@ -83,6 +83,11 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resolution", type=int, default=256, help="voxels a side; depth: log2")
 
 
+def ours(name: str, options: str = "") -> Method:
+    """VisCo with ``options`` of ``visco reconstruct``; of one given twice, the last counts."""
+    return Method(name, f"{_OURS} {options}")
+
+
 def methods_of(arguments: argparse.Namespace) -> list[Method]:
     """The methods that the command line asks for, the baseline first."""
     known = {**_PEERS, "visco": _OURS}
@@ -93,7 +98,7 @@ def methods_of(arguments: argparse.Namespace) -> list[Method]:
         methods.append(Method(name, known[name]))
     for text in arguments.variant:
         name, _, options = text.partition("=")
-        methods.append(Method(name, f"{_OURS} {options}"))
+        methods.append(ours(name, options))
     for text in arguments.command:
         name, _, command = text.partition("=")
         methods.append(Method(name, command))

@@ -1,7 +1,8 @@
-"""Real scans with a ground truth: ``python -m tests.benchmarks.srb --data DIR``.
+"""Scans with a ground truth: ``python -m tests.benchmarks.srb --data DIR``.
 
 DIR holds ``scans/NAME.ply`` and, of each, any of ``gt/NAME_gt_mesh.ply``,
-``gt/NAME_gt_points*.ply`` and ``gt/NAME_occ_points.npz``. Distances are in the scan's own units.
+``gt/NAME_gt_points*.ply`` and ``gt/NAME_occ_points.npz``; without DIR, the scans are the gallery's.
+Distances are in the scan's own units.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from tests.benchmarks.contest import (
     print_problems,
     write_report,
 )
+from tests.benchmarks.gallery_scans import write_gallery
 from tests.benchmarks.peers import add_method_arguments, methods_of
 from tests.benchmarks.tables import markdown_table, rounded
 from visco_core.io import read_mesh, read_points
@@ -38,13 +40,12 @@ TRIANGLES_HEADER = (
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, required=True, help="folder with scans/ and gt/")
-    parser.add_argument("--scans", default="", help="comma-separated names, all by default")
+    add_data_arguments(parser)
     add_method_arguments(parser)
     add_contest_arguments(parser)
     arguments = parser.parse_args()
     methods = methods_of(arguments)
-    scores = list(compete(_cases(arguments.data, arguments.scans), methods, arguments))
+    scores = list(compete(data_cases(arguments), methods, arguments))
     made = [score for score in scores if score.metrics is not None]
     times = {score.case: score.seconds for score in made if score.method == methods[0].name}
     print(markdown_table(POINTS_HEADER, [_points_row(score, times) for score in made]))
@@ -64,8 +65,8 @@ def _points_row(score: Score, baseline_seconds: dict[str, float]) -> list[str]:
         score.method,
         rounded(metrics["d_C"], 3),
         rounded(metrics["d_H"], 2),
-        *_mean_and_max(sides["gt_to_mesh"]),
-        *_mean_and_max(sides["scan_to_mesh"]),
+        *mean_and_max(sides["gt_to_mesh"]),
+        *mean_and_max(sides["scan_to_mesh"]),
         rounded(score.iou, 4),
         rounded(score.seconds, 2),
         rounded(score.seconds / baseline if baseline else None, 2),
@@ -79,8 +80,8 @@ def _triangles_row(score: Score) -> list[str]:
     return [
         score.case,
         score.method,
-        *_mean_and_max(sides["gt_to_mesh"]),
-        *_mean_and_max(sides["scan_to_mesh"]),
+        *mean_and_max(sides["gt_to_mesh"]),
+        *mean_and_max(sides["scan_to_mesh"]),
         rounded(f_score and f_score["value"], 4),
         rounded(metrics["normal_consistency"], 4),
         str(health["faces"]),
@@ -89,11 +90,23 @@ def _triangles_row(score: Score) -> list[str]:
     ]
 
 
-def _mean_and_max(deviation: dict[str, float]) -> tuple[str, str]:
+def mean_and_max(deviation: dict[str, float]) -> tuple[str, str]:
+    """The two cells of a one-sided distance."""
     return rounded(deviation["mean"], 3), rounded(deviation["max"], 2)
 
 
-def _cases(data: Path, names: str) -> Iterator[Case]:
+def add_data_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--data", type=Path, help="folder with scans/ and gt/; without it, scans of the gallery"
+    )
+    parser.add_argument("--scans", default="", help="comma-separated names, all by default")
+
+
+def data_cases(arguments: argparse.Namespace) -> Iterator[Case]:
+    """The scans that ``add_data_arguments`` asks for, with what is known of their surfaces."""
+    data, names = arguments.data, arguments.scans
+    if data is None:
+        data = write_gallery(arguments.work / "gallery")
     chosen = set(filter(None, names.split(",")))
     scans = [
         path

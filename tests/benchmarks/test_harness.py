@@ -11,7 +11,6 @@ import psutil
 import pytest
 
 from visco_core import gallery
-from visco_core.gallery import uniform_scan, write_scan
 from visco_core.io import write_mesh
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,18 +21,6 @@ def run_benchmark(name: str, *arguments: str) -> str:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return done.stdout
-
-
-@pytest.fixture
-def data(tmp_path: Path) -> Path:
-    """A folder of one scan, a ball, with its ground truth."""
-    for folder in ("scans", "gt"):
-        (tmp_path / folder).mkdir()
-    mesh = gallery.sphere().mesh(32)
-    write_scan(uniform_scan(mesh, 500), tmp_path / "scans" / "ball.ply")
-    write_mesh(mesh, tmp_path / "gt" / "ball_gt_mesh.ply")
-    write_mesh(gallery.sphere(1.1).mesh(32), tmp_path / "larger.ply")
-    return tmp_path
 
 
 def test_srb_ranks_a_perfect_a_worse_and_a_failing_program(data: Path) -> None:
