@@ -1,4 +1,4 @@
-"""What is done to a mesh after extraction: colours, trimming, decimation."""
+"""What is done to a mesh after extraction: trimming, decimation, colours and other values."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from visco_core.config import ReconstructionConfig
 from visco_core.errors import InputError
+from visco_core.io.faces import vertex_normals
 from visco_core.neighbours import Neighbours
 from visco_core.pointcloud import PointCloud
 from visco_core.progress import Check, never
@@ -69,17 +70,6 @@ def decimate(mesh: Mesh, triangles: int) -> Mesh:
     return Mesh(vertices + center, faces.astype(np.int32), vertex_normals(vertices, faces))
 
 
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(V, 3) float32 unit normals, the area-weighted mean of the faces around each vertex."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    area = np.cross(b - a, c - a)
-    total = np.zeros(vertices.shape)
-    for k in range(3):
-        np.add.at(total, faces[:, k], area)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return (total / np.maximum(length, 1e-300)).astype(np.float32)
-
-
 def carry_attributes(
     mesh: Mesh, cloud: PointCloud, threads: int = -1, check: Check = never
 ) -> Mesh:
@@ -98,3 +88,15 @@ def carry_attributes(
         colors=None if cloud.colors is None else np.rint(mean(cloud.colors)).astype(np.uint8),
         attributes={k: mean(values).astype(np.float32) for k, values in cloud.scalars.items()},
     )
+
+
+def with_confidence(mesh: Mesh, confidence: np.ndarray) -> Mesh:
+    """``mesh`` with confidence (V,) first of its attributes.
+
+    A value of the scan's own by that name is called ``scan_confidence``.
+    """
+    carried = {
+        f"scan_{name}" if name.lower() == "confidence" else name: values
+        for name, values in mesh.attributes.items()
+    }
+    return replace(mesh, attributes={"confidence": confidence, **carried})

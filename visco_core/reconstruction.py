@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from visco_core.clean import clean_points
 from visco_core.clock import Clock, peak_memory_bytes
+from visco_core.confidence import confidence
 from visco_core.config import ReconstructionConfig
 from visco_core.extract import extract_isosurface, supported_pieces
 from visco_core.frame import Normalisation
@@ -20,7 +21,7 @@ from visco_core.multires import Problem, SolvedLevel, plan_resolutions, solve_le
 from visco_core.noise import estimate_noise
 from visco_core.normals import estimate_normals
 from visco_core.pointcloud import PointCloud
-from visco_core.postprocess import finish_mesh
+from visco_core.postprocess import finish_mesh, with_confidence
 from visco_core.presets import Settings, decide, weights_for_noise
 from visco_core.progress import ProgressCallback, ShouldStop
 from visco_core.result import Mesh, Outcome, Reconstruction
@@ -93,6 +94,9 @@ def reconstruct(
     level, outcome = solve_levels(backend, problem, clock, level_done if on_level else None)
     with clock.phase("extract") as entry:
         mesh = finish_mesh(surface(level), cloud, config, backend.threads, clock.check)
+        placed = replace(mesh, vertices=frame.to_cube(mesh.vertices))
+        scan = points, normals, level.grid.resolution
+        mesh = with_confidence(mesh, confidence(placed, *scan, backend, clock.check))
         entry.update(vertices=len(mesh.vertices), triangles=len(mesh.faces))
     backend_name = f"{backend.name} on {backend.device}"
     return Reconstruction(mesh, outcome, _report(settings, clock, outcome, frame, backend_name))

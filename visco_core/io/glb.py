@@ -44,7 +44,8 @@ def write_glb(
     beyond 1e-12 to 1e12 only, a scale. ``asset.extras["visco"]`` holds the same in float64,
     ``offset``, ``scale`` and ``up_axis``, beside ``metadata`` (values that JSON can hold):
     scan coordinates = offset + scale * POSITION. Colours become linear, as glTF wants them;
-    attributes are ``_NAME``, with zeros for values that are not finite.
+    attributes are ``_NAME``, with zeros for values that are not finite and more underscores where a
+    name is taken.
     """
     offset, scale, positions = _recentered(mesh.vertices)
     buffers = _Buffers()
@@ -56,7 +57,10 @@ def write_glb(
         )
     for name, values in mesh.attributes.items():
         finite = np.nan_to_num(np.asarray(values, np.float32), posinf=0.0, neginf=0.0)
-        attributes[_attribute_name(name)] = buffers.add(finite, _FLOAT, _VERTICES)
+        unused = _attribute_name(name)
+        while unused in attributes:
+            unused += "_"
+        attributes[unused] = buffers.add(finite, _FLOAT, _VERTICES)
     indices = buffers.add(mesh.faces.astype("<u4").ravel(), _UINT, _FACES)
     primitive = {"attributes": attributes, "indices": indices}
     _write_scene(file, buffers, primitive, offset, scale, up_axis, metadata or {})

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from visco_core.confidence import cluster_points
 from visco_core.extract import EDGES, case_table
 from visco_core.kernels import FREE, ROW
 
@@ -277,6 +278,15 @@ def _surface_faces(n: Nodes) -> tuple[Any, ...]:
     return values, n.neighbours, *starts, case_table()[1], owner.copy(), axis.copy()
 
 
+def _support(n: Nodes) -> tuple[Any, ...]:
+    points, places = n.rng.random((3000, 3)) ** 2, n.rng.random((1000, 3)).astype(np.float32)
+    normals, directions = (n.rng.standard_normal(a.shape) for a in (points, places))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    clusters = cluster_points(points, normals, 17)
+    clusters.rows[:, -1] = n.rng.random(len(clusters.rows))
+    return places, directions.astype(np.float32), *clusters.tables, 8.0
+
+
 def starts_of_surface(nodes: Nodes, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where each node's cut edges and its voxel's triangles start, both (N + 1,)."""
     missing = len(nodes)
@@ -319,6 +329,7 @@ INPUTS: dict[str, Callable[[Nodes], tuple[Any, ...]]] = {
         _surface_counts,
         _surface_vertices,
         _surface_faces,
+        _support,
     )
 }
 """Kernel → arguments for it on some nodes."""

@@ -96,6 +96,19 @@ def test_a_mesh_comes_back_in_the_frame_of_the_scan(
 
 
 @pytest.mark.parametrize("ending", ["glb", "ply"])
+def test_attributes_whose_names_a_format_cannot_tell_apart_are_all_kept(
+    tmp_path: Path, ending: str
+) -> None:
+    names = ["gps time", "gps_time"]
+    mesh = replace(ball(), attributes={n: np.full(642, i, np.float32) for i, n in enumerate(names)})
+    write_mesh(mesh, tmp_path / f"mesh.{ending}")
+
+    back = read_mesh(tmp_path / f"mesh.{ending}").attributes
+
+    assert [set(values) for values in back.values()] == [{0}, {1}]
+
+
+@pytest.mark.parametrize("ending", ["glb", "ply"])
 def test_colors_and_attributes_come_back(tmp_path: Path, ending: str) -> None:
     mesh = colored_ball()
     write_mesh(mesh, tmp_path / f"mesh.{ending}")

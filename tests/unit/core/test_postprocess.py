@@ -10,10 +10,17 @@ import pytest
 from visco_core.config import ReconstructionConfig
 from visco_core.errors import InputError
 from visco_core.gallery import sphere, uniform_scan
+from visco_core.io.faces import vertex_normals
 from visco_core.mesh_health import mesh_health
 from visco_core.metrics import nearest_distance
 from visco_core.pointcloud import PointCloud
-from visco_core.postprocess import carry_attributes, decimate, finish_mesh, trim, vertex_normals
+from visco_core.postprocess import (
+    carry_attributes,
+    decimate,
+    finish_mesh,
+    trim,
+    with_confidence,
+)
 from visco_core.result import Mesh
 
 
@@ -102,6 +109,14 @@ def test_colours_and_scalars_come_from_the_nearest_point(ball: Mesh, half_scan: 
     np.testing.assert_allclose(found.attributes["height"][top], ball.vertices[top, 2], atol=0.05)
     np.testing.assert_allclose(found.colors[top, 0], 255 * ball.vertices[top, 2], atol=13)
     assert found.attributes["height"].shape == (len(ball.vertices),)
+
+
+def test_a_scan_s_own_confidence_is_kept_beside_that_of_the_surface(ball: Mesh) -> None:
+    own = dataclasses.replace(ball, attributes={"Confidence": ball.vertices[:, 0]})
+    found = with_confidence(own, ball.vertices[:, 1]).attributes
+    assert list(found) == ["confidence", "scan_Confidence"]
+    np.testing.assert_array_equal(found["confidence"], ball.vertices[:, 1])
+    np.testing.assert_array_equal(found["scan_Confidence"], ball.vertices[:, 0])
 
 
 def test_nothing_is_done_that_was_not_asked_for(ball: Mesh) -> None:

@@ -6,17 +6,22 @@ import dataclasses
 import json
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import laspy
 import numpy as np
+import plyfile
 import pytest
 import scipy.fft
+from gltf_validator import validate
 from scipy.spatial import KDTree
 
 from visco_core.config import Budget, LevelSchedule, LossWeights, ReconstructionConfig
 from visco_core.errors import InputError, ResourceError, Stopped
 from visco_core.frame import FILL, Normalisation
 from visco_core.gallery import Scanner, scan, sphere, torus, two_bodies, uniform_scan
+from visco_core.io import read_mesh, read_points, write_mesh
 from visco_core.mesh_health import mesh_health
 from visco_core.metrics import nearest_distance, point_to_mesh_distance
 from visco_core.pointcloud import PointCloud
@@ -219,6 +224,70 @@ def test_decimation_and_colours_reach_the_mesh(ball: PointCloud) -> None:
     assert mesh.colors is not None
     np.testing.assert_allclose(mesh.colors, 127.5 * (mesh.vertices + 1), atol=20)
     np.testing.assert_allclose(mesh.attributes["warmth"], mesh.vertices[:, 2], atol=0.15)
+
+
+def test_every_vertex_of_an_opened_and_decimated_mesh_has_its_confidence(ball: PointCloud) -> None:
+    half = ball.select(ball.points[:, 2] > 0)
+    mesh = reconstruct(half, config(trim=0.6, decimate=3000)).mesh
+    found = mesh.attributes["confidence"]
+    assert found.dtype == np.float32
+    assert found.shape == (len(mesh.vertices),)
+    height = mesh.vertices[:, 2]
+    assert found[height > 0.2].mean() > 0.8
+    assert found[height < -0.3].max() < 0.2
+
+
+def write_scalar_ply(path: Path, points: np.ndarray, warmth: np.ndarray) -> None:
+    names = [*"xyz", "intensity", "quality"]
+    columns = [*points.T, 100 * warmth, -warmth]
+    rows = np.rec.fromarrays(columns, [(name, "<f4") for name in names])
+    plyfile.PlyData([plyfile.PlyElement.describe(rows, "vertex")]).write(path)
+
+
+def write_scalar_las(path: Path, points: np.ndarray, warmth: np.ndarray) -> None:
+    las = laspy.LasData(laspy.LasHeader(point_format=0, version="1.2"))
+    las.header.scales = np.full(3, 1e-6)
+    las.x, las.y, las.z = points.T
+    las.intensity = (100 * warmth).astype(np.uint16)
+    las.write(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "carried"),
+    [
+        ("scan.ply", write_scalar_ply, {"intensity": 100, "quality": -1}),
+        ("scan.las", write_scalar_las, {"intensity": 100}),
+    ],
+)
+def test_scalar_fields_of_a_scan_s_file_reach_the_vertices_in_the_mesh_s_file(
+    name: str, write: Any, carried: dict[str, float], ball: PointCloud, tmp_path: Path
+) -> None:
+    write(tmp_path / name, ball.points, 1 + ball.points[:, 2])
+    mesh = reconstruct(read_points(tmp_path / name), config(64, normals="estimate")).mesh
+    for ending in ("glb", "ply"):
+        write_mesh(mesh, tmp_path / f"mesh.{ending}")
+        found = read_mesh(tmp_path / f"mesh.{ending}").attributes
+        assert list(found) == ["confidence", *carried]
+        assert np.array_equal(found["confidence"], mesh.attributes["confidence"])
+        for field, factor in carried.items():
+            expected = factor * (1 + mesh.vertices[:, 2])
+            np.testing.assert_allclose(found[field], expected, atol=0.15 * abs(factor))
+    (issues,) = validate(tmp_path / "mesh.glb")
+    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
+    assert b'"_CONFIDENCE"' in (tmp_path / "mesh.glb").read_bytes()
+    assert b"property float confidence\n" in (tmp_path / "mesh.ply").read_bytes()
+
+
+def test_confidence_does_not_depend_on_place_and_unit_of_the_scan(
+    ball: PointCloud, record: Record
+) -> None:
+    moved = reconstruct(PointCloud(1e-3 * ball.points + 1e4, ball.normals), config()).mesh
+    plain = record.result.mesh.attributes["confidence"]
+    np.testing.assert_allclose(
+        np.quantile(moved.attributes["confidence"], [0.1, 0.5, 0.9]),
+        np.quantile(plain, [0.1, 0.5, 0.9]),
+        atol=0.01,
+    )
 
 
 def plane(count: int = 2000) -> np.ndarray:

@@ -23,6 +23,7 @@ from visco_core.kernels.numba_cpu.start import (
     splat,
     squared_distance,
 )
+from visco_core.kernels.numba_cpu.support import support
 from visco_core.kernels.numba_cpu.surface import (
     surface_counts,
     surface_faces,
@@ -70,6 +71,7 @@ __all__ = [
     "spline_prolong",
     "spline_restrict",
     "squared_distance",
+    "support",
     "surface_counts",
     "surface_faces",
     "surface_vertices",

@@ -34,6 +34,7 @@ from visco_core.kernels.reference.start import (
     splat,
     squared_distance,
 )
+from visco_core.kernels.reference.support import support
 from visco_core.kernels.reference.surface import (
     surface_counts,
     surface_faces,
@@ -81,6 +82,7 @@ __all__ = [
     "spline_prolong",
     "spline_restrict",
     "squared_distance",
+    "support",
     "surface_counts",
     "surface_faces",
     "surface_vertices",
