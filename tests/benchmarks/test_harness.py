@@ -11,6 +11,7 @@ import psutil
 import pytest
 
 from visco_core import gallery
+from visco_core.gallery import uniform_scan, write_scan
 from visco_core.io import write_mesh
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -110,3 +111,16 @@ def test_odd_scans_are_made_and_scored(tmp_path: Path) -> None:
     cells = [cell.strip() for cell in row.split("|")[1:-1]]
     assert float(cells[2]) < 1.0
     assert cells[-2:] == ["2", "yes"]
+
+
+def test_the_worth_of_confidence_is_told_in_tenths(data: Path) -> None:
+    write_scan(uniform_scan(gallery.torus(), 8000), data / "scans" / "ring.ply")
+    write_mesh(gallery.torus().mesh(64), data / "gt" / "ring_gt_mesh.ply")
+    printed = run_benchmark(
+        "confidence", *("--data", str(data), "--scans", "ring", "--resolution", "64")
+    )
+    rows = [line.split("|")[1:-1] for line in printed.splitlines() if line.startswith("| ring")]
+    confidence, error = ([float(cell) for cell in row[2:]] for row in rows)
+    assert len(confidence) == len(error) == 10
+    assert confidence == sorted(confidence)
+    assert 0 < max(error) < 5
