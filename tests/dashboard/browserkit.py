@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,17 +31,21 @@ class Watched:
 
 
 def submit_sample(service: Service, **params: Any) -> str:
+    return submit(service, sample_scan_path(), **params)
+
+
+def submit(service: Service, scan: Path, **params: Any) -> str:
     reply = service.api.post(
         "/v1/jobs",
-        files={"file": (sample_scan_path().name, sample_scan_path().read_bytes())},
+        files={"file": (scan.name, scan.read_bytes())},
         data={"params": json.dumps(params)},
     )
     return reply.raise_for_status().json()["id"]
 
 
-def finish(service: Service, **params: Any) -> str:
-    """The id of a job of the sample scan that has succeeded."""
-    job_id = submit_sample(service, **params)
+def finish(service: Service, scan: Path | None = None, **params: Any) -> str:
+    """The id of a job of the scan, or of the sample, that has succeeded."""
+    job_id = submit(service, scan or sample_scan_path(), **params)
 
     def done() -> bool:
         job = service.job(job_id)

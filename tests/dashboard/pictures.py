@@ -17,10 +17,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import httpx
+import numpy as np
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from visco_core.gallery import sample_scan_path
+from visco_core import read_points
+from visco_core.gallery import encode_scan, sample_scan_path
 
 _FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader", "--disable-background-networking"]
 _COLORS = 256
@@ -49,6 +51,8 @@ def main(url: str, folder: Path) -> None:
         studio.take("job", f"/jobs/{fine}", "phone")
         for look in ("light", "dark", "phone"):
             studio.take("compare", f"/compare?jobs={coarse},{fine}", look)
+        holed = _finish(client, _scan_with_a_hole(), resolution=256, label="octopus, with a hole")
+        studio.take("confidence", f"/jobs/{holed}", "light", _color_by_confidence)
         browser.close()
 
 
@@ -93,19 +97,31 @@ def _color_by_distance(page: Page) -> None:
     page.wait_for_timeout(1000)
 
 
+def _color_by_confidence(page: Page) -> None:
+    page.get_by_label("Surface shown as").select_option("confidence")
+    page.wait_for_timeout(1000)
+
+
 def _cut(page: Page) -> None:
     page.get_by_role("button", name="Section").click()
     page.wait_for_timeout(1000)
 
 
-def _submit(client: httpx.Client, **params: object) -> str:
-    files = {"file": (sample_scan_path().name, sample_scan_path().read_bytes())}
+def _scan_with_a_hole() -> bytes:
+    """The sample without a piece of its head."""
+    cloud = read_points(sample_scan_path())
+    hole = cloud.points[cloud.points[:, 2].argmax()] - [0, 12, 6]
+    return encode_scan(cloud.select(np.linalg.norm(cloud.points - hole, axis=1) > 14))
+
+
+def _submit(client: httpx.Client, scan: bytes | None = None, **params: object) -> str:
+    files = {"file": (sample_scan_path().name, scan or sample_scan_path().read_bytes())}
     reply = client.post("/v1/jobs", files=files, data={"params": json.dumps(params)})
     return reply.raise_for_status().json()["id"]
 
 
-def _finish(client: httpx.Client, **params: object) -> str:
-    job_id = _submit(client, **params)
+def _finish(client: httpx.Client, scan: bytes | None = None, **params: object) -> str:
+    job_id = _submit(client, scan, **params)
     while client.get(f"/v1/jobs/{job_id}").json()["status"] in ("queued", "running"):
         time.sleep(0.5)
     return job_id

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import io
+import re
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
-from browserkit import canvas_with, overlap, pixels, settle, silhouette
+from browserkit import canvas_with, finish, overlap, pixels, settle, silhouette
 from playwright.sync_api import BrowserContext, Page, Route, expect
 from workerkit import Service
 
-from visco_core import Mesh, read_mesh
+from visco_core import Mesh, read_mesh, read_points
+from visco_core.gallery import sample_scan_path, write_scan
 from visco_core.io.glb import write_glb
 
 OpenPage = Callable[[str], Page]
@@ -90,6 +93,33 @@ def test_each_place_shows_its_confidence(
     assert red > blue + 50
     red, _, blue = picture[head[:80]][seen[head[:80]]].mean(axis=0)
     assert blue > red
+
+
+def test_a_hole_in_a_scan_is_seen_in_the_colors_of_confidence(
+    open_page: OpenPage, service: Service, worker: None, tmp_path: Path
+) -> None:
+    cloud = read_points(sample_scan_path())
+    # On the side of the head that the first look shows.
+    hole = cloud.points[cloud.points[:, 2].argmax()] - [0, 12, 6]
+    away = np.linalg.norm(cloud.points - hole, axis=1) > 14
+    job_id = finish(service, write_scan(cloud.select(away), tmp_path / "hole.ply"), resolution=128)
+    page = open_page(f"/jobs/{job_id}")
+    canvas = canvas_with(page, "mesh.glb")
+    page.get_by_label("Surface shown as").select_option("confidence")
+    legend = page.get_by_role("figure").filter(has_text="Confidence")
+    expect(legend).to_contain_text(re.compile(r"Under 0\.5\s*\d+ %"))
+    settle(page)
+    picture = pixels(canvas).astype(int)
+    seen = silhouette(picture)
+    red, green, blue = np.moveaxis(picture, 2, 0)
+    # Viridis is yellow at one and violet, with next to no green, at zero.
+    held = seen & (red > blue + 60) & (green > blue + 60)
+    made_up = seen & (blue > green + 20)
+    assert held.sum() > 0.6 * seen.sum()
+    assert 0.03 * seen.sum() < made_up.sum() < 0.2 * seen.sum()
+    rows = np.flatnonzero(seen.any(axis=1))
+    head = slice(rows[0], rows[0] + len(rows) // 3)
+    assert made_up[head].sum() > 0.9 * made_up.sum()
 
 
 def test_a_surface_without_confidence_says_how_to_have_it(

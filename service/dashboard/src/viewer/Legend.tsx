@@ -1,4 +1,5 @@
 /** The scale of the colors, with how many vertices have each. */
+import { Fragment } from "preact";
 import { percent, significant } from "../logic/format";
 import { cssColorAt } from "./colormap";
 import { histogram, type Summary } from "./statistics";
@@ -12,11 +13,13 @@ export interface Scale {
   summary: Summary;
   low: number;
   high: number;
+  /** What is told of the values in words: a name and a number each. */
+  facts: ReadonlyArray<readonly [string, string]>;
   /** Sets the upper end; absent where the scale is fixed. */
   onEnd?: (end: number | null) => void;
 }
 
-export function Legend({ title, unit, values, summary, low, high, onEnd }: Scale) {
+export function Legend({ title, unit, values, summary, low, high, facts, onEnd }: Scale) {
   const counts = histogram(values, low, high, BINS);
   const most = Math.max(...counts, 1);
   const beyond = values.reduce((sum, value) => sum + (value > high ? 1 : 0), 0) / (values.length || 1);
@@ -59,14 +62,12 @@ export function Legend({ title, unit, values, summary, low, high, onEnd }: Scale
         />
       )}
       <dl>
-        <dt>Mean</dt>
-        <dd>{significant(summary.mean)}</dd>
-        <dt>RMS</dt>
-        <dd>{significant(summary.rms)}</dd>
-        <dt>95 %</dt>
-        <dd>{significant(summary.p95)}</dd>
-        <dt>Max</dt>
-        <dd>{significant(summary.max)}</dd>
+        {facts.map(([name, value]) => (
+          <Fragment key={name}>
+            <dt>{name}</dt>
+            <dd>{value}</dd>
+          </Fragment>
+        ))}
       </dl>
       {beyond > 0 && <p class="muted">{beyond < 0.01 ? "Under 1 %" : percent(beyond)} above the scale</p>}
     </figure>

@@ -2,7 +2,7 @@
 import { type Signal, useComputed, useSignal, useSignalEffect } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { isActive, type Job } from "../api/types";
-import { count, percent, plainName } from "../logic/format";
+import { count, percent, plainName, significant } from "../logic/format";
 import { isDark } from "../state/theme";
 import { colorsOf } from "./colormap";
 import { Compass } from "./Compass";
@@ -181,12 +181,24 @@ function useScale(model: Model, settings: ViewSettings): Signal<Scale | null> {
       const { values, summary } = measured;
       const high = settings.errorEnd.value ?? settings.commonEnd.value ?? roundUp(summary.p95);
       const onEnd = (end: number | null) => (settings.errorEnd.value = end);
-      return { title: "Distance to the scan", unit: "scan units", values, summary, low: 0, high, onEnd };
+      const facts = [
+        ["Mean", significant(summary.mean)],
+        ["RMS", significant(summary.rms)],
+        ["95 %", significant(summary.p95)],
+        ["Max", significant(summary.max)],
+      ] as const;
+      return { title: "Distance to the scan", unit: "scan units", values, summary, low: 0, high, facts, onEnd };
     }
     const values = model.mesh.value?.attributes["CONFIDENCE"];
     if (settings.mode.value !== "confidence" || !values) return null;
     const unit = "1: the scan supports it well, 0: it was made up";
-    return { title: "Confidence", unit, values, summary: summarize(values), low: 0, high: 1 };
+    const summary = summarize(values);
+    const doubtful = values.reduce((sum, value) => sum + (value < 0.5 ? 1 : 0), 0) / (values.length || 1);
+    const facts = [
+      ["Mean", significant(summary.mean)],
+      ["Under 0.5", percent(doubtful)],
+    ] as const;
+    return { title: "Confidence", unit, values, summary, low: 0, high: 1, facts };
   });
 }
 
