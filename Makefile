@@ -64,7 +64,7 @@ openapi: setup
 
 # DATA=FOLDER chooses scans with a ground truth; without it they are the gallery's.
 bench: setup
-	$(BIN)/python -m tests.benchmarks.paper $(if $(DATA),--data '$(DATA)')
+	$(BIN)/python -m tests.benchmarks.paper $(if $(DATA),--data '$(DATA)',--samples 200000)
 
 bench-peers: setup
 	$(BIN)/pip install -q -c constraints.txt -e '.[bench]'

@@ -193,10 +193,9 @@ def budget(cases: Sequence[Case], arguments: argparse.Namespace) -> list[Score]:
     case = _with_mesh(cases)
     scores = list(compete([case], budget_methods(), arguments))
     rows = [_budget_row(score) for score in scores if score.metrics is not None]
-    for minutes in sorted(PAPER_EPOCHS):
-        known = [printed for printed in PRINTED.get(case.name, ()) if printed.minutes == minutes]
-        rows += [_printed_budget(case.name, minutes, printed) for printed in known]
-        rows.append(_printed_budget("mean of five", minutes, PRINTED_MEANS.get(minutes)))
+    # Distances of scans that the paper does not have are in other units.
+    if case.name in PRINTED:
+        rows += _printed_budgets(case.name)
     print(markdown_table(BUDGET_HEADER, rows))
     return scores
 
@@ -307,8 +306,18 @@ def _budget_row(score: Score) -> list[str]:
     return [score.case, voxels, f"{seconds} s", reached, *distances, _seconds(report)]
 
 
+def _printed_budgets(scan: str) -> list[list[str]]:
+    """What the paper prints of ``scan`` and of all its scans, for each of its budgets."""
+    rows = []
+    for minutes in sorted(PAPER_EPOCHS):
+        known = [printed for printed in PRINTED[scan] if printed.minutes == minutes]
+        rows += [_printed_budget(scan, minutes, printed) for printed in known]
+        rows.append(_printed_budget("mean of five", minutes, PRINTED_MEANS.get(minutes)))
+    return rows
+
+
 def _printed_budget(scan: str, minutes: int, printed: Printed | None) -> list[str]:
-    """What the paper prints for a budget; None where this project has no figure of it."""
+    """None: this project has no figure of it."""
     row = [f"*{scan}*", "256", f"{minutes} min", "256"]
     if printed is None:
         return [*row, "-", "-", "*not at hand*"]
