@@ -76,8 +76,9 @@ VOXEL_ERROR_OF_NORMALS = 0.1
 slope of a trilinear voxel is further from the surface's than most normals. On the coarsest all of
 it counts: there the normals lead the surface from what was seen into the holes."""
 
-LEAST_NORMAL_DEVIATION = 0.05
-"""No normals are trusted beyond this, in radians."""
+SHARED_NORMAL_ERROR = 0.12
+"""Error of the normals, in radians, that neighbours share and that their scatter does not show:
+what a scanner's normals are smoothed by."""
 
 PAPER_EPOCHS = {30: (5, 5, 3), 21: (2, 2, 2), 15: (2, 2, 2), 8: (2, 2, 1)}
 """Minutes of the paper's budget table → epochs on each level."""
@@ -85,7 +86,7 @@ PAPER_EPOCHS = {30: (5, 5, 3), 21: (2, 2, 2), 15: (2, 2, 2), 8: (2, 2, 1)}
 PAPER_PRUNE = {30: 12.0, 21: 12.0, 15: 6.0, 8: 6.0}
 """Voxels kept on either side of the surface, for the paper's t = 0.9 and t = 0.4 (erratum 3)."""
 
-FAST_OUTER_STEPS, FAST_INNER_STEPS, FAST_BAND_WIDTH = (5, 3), (30, 20), 4.0
+FAST_OUTER_STEPS, FAST_INNER_STEPS, FAST_BAND_WIDTH = (5, 2), (30, 30), 4.0
 
 
 def weights_for_noise(noise: Noise, points: int, resolutions: list[int]) -> tuple[Weights, ...]:
@@ -96,10 +97,11 @@ def weights_for_noise(noise: Noise, points: int, resolutions: list[int]) -> tupl
 
         λn = λp σ² / σn²,    λv = VISCOSITY_PER_VARIANCE · σ² / m,
 
-    where σ² is the noise and what the level's voxels add to it.
+    where σ² is the noise and what the level's voxels add to it, and σn² the scatter of the normals
+    and the error that neighbours share.
     """
     base = FAST_WEIGHTS
-    normal_variance = max(noise.normal, LEAST_NORMAL_DEVIATION) ** 2
+    normal_variance = noise.normal**2 + SHARED_NORMAL_ERROR**2
 
     def on_level(level: int, resolution: int) -> Weights:
         voxel = (VOXEL_ERROR / resolution) ** 2

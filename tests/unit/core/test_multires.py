@@ -15,7 +15,8 @@ import pytest
 from visco_core.clock import Clock
 from visco_core.config import Budget, LevelSchedule, ReconstructionConfig
 from visco_core.errors import ResourceError, Stopped
-from visco_core.gallery import sphere, uniform_scan
+from visco_core.extract import extract_isosurface
+from visco_core.gallery import SHAPES, sphere, uniform_scan
 from visco_core.kernels import Backend
 from visco_core.multires import (
     CONTINUATION,
@@ -25,7 +26,8 @@ from visco_core.multires import (
     plan_resolutions,
     solve_levels,
 )
-from visco_core.presets import PAPER_EPOCHS, Settings, decide
+from visco_core.noise import Noise
+from visco_core.presets import PAPER_EPOCHS, Settings, decide, weights_for_noise
 from visco_core.progress import Progress
 from visco_core.solvers.adam import Adam
 from visco_core.solvers.gauss_newton import GaussNewton
@@ -309,3 +311,30 @@ def test_stop_is_asked_for_in_every_iteration(numba_backend: Backend) -> None:
     iterations = sum(entry.get("iterations", 0) for entry in clock.phases)
     assert iterations > 20
     assert len(calls) > iterations
+
+
+def test_a_corner_that_no_point_saw_is_sharper_than_at_the_asked_epsilon(
+    backend: Backend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The solutions at three ε lead to the limit ε → 0, which rounds less."""
+    shape = SHAPES["box"]()
+    cloud = uniform_scan(shape, 20_000)
+    assert cloud.normals is not None
+    corner = cloud.points.max(0)
+    scale = 0.9 / np.ptp(cloud.points, axis=0).max()
+    seen = np.linalg.norm(cloud.points - corner, axis=1) > 0.12 / scale
+    points, normals = 0.5 + scale * cloud.points[seen], cloud.normals[seen]
+    chosen = decide(
+        ReconstructionConfig(resolution=64),
+        weights_for_noise(Noise(5e-4, 0.05), len(points), [64]),
+    )
+
+    def error() -> float:
+        level, _ = solve_levels(backend, Problem(points, normals, normals, chosen), new_clock())
+        vertices = (extract_isosurface(level.grid, level.values).vertices - 0.5) / scale
+        unseen = np.linalg.norm(vertices - corner, axis=1) < 0.12 / scale
+        return float(np.abs(shape.sdf(vertices[unseen])).mean())
+
+    extrapolated = error()
+    monkeypatch.setattr("visco_core.multires._towards", lambda _, last, *others: last[1])
+    assert extrapolated < 0.85 * error()

@@ -5,7 +5,7 @@ import pytest
 
 from visco_core.gallery import SHAPES, uniform_scan
 from visco_core.noise import Noise, estimate_noise
-from visco_core.presets import weights_for_noise
+from visco_core.presets import SHARED_NORMAL_ERROR, weights_for_noise
 
 
 @pytest.mark.parametrize(("points", "noise"), [(20_000, 0.002), (50_000, 0.001), (50_000, 0.01)])
@@ -58,7 +58,8 @@ def test_smoothing_grows_with_the_variance_and_falls_with_the_number_of_points()
 
 def test_normals_weigh_against_points_as_their_variances_say() -> None:
     weights = weights_for_noise(Noise(0.01, 0.2), 10_000, [1024])[-1]
-    assert weights.normal / weights.point == pytest.approx((0.01 / 0.2) ** 2, rel=1e-3)
+    variance = 0.2**2 + SHARED_NORMAL_ERROR**2
+    assert weights.normal / weights.point == pytest.approx(0.01**2 / variance, rel=1e-3)
 
 
 def test_an_exact_scan_still_gets_the_smoothing_of_a_voxel() -> None:
