@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import minimum_spanning_tree
-from scipy.spatial import KDTree
 
-from visco_core.gallery import sphere, torus, two_bodies, uniform_scan
+from visco_core.errors import Stopped
+from visco_core.gallery import sphere, thin_plate, torus, two_bodies, uniform_scan
 from visco_core.gallery.scanner import rotation
-from visco_core.normals import _spanning_tree, estimate_normals
+from visco_core.normals import estimate_normals
+from visco_core.orientation import SITES, _grouped
+from visco_core.pointcloud import PointCloud
 from visco_core.progress import never
 
 
@@ -61,19 +61,79 @@ def test_four_points_of_a_tetrahedron_suffice() -> None:
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-6)
 
 
-def test_signs_are_carried_along_the_neighbour_graphs_minimum_spanning_tree() -> None:
-    points = uniform_scan(torus(), 2000).points
-    nearest = KDTree(points).query(points, 9)[1]
-    directions = np.random.default_rng(0).standard_normal(points.shape)
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    tree, group = _spanning_tree(directions, nearest, never)
-    cost = 1.0001 - np.abs(np.einsum("pi,pki->pk", directions, directions[nearest[:, 1:]]))
-    source = np.repeat(np.arange(2000), 8)
-    graph = csr_matrix((cost.ravel(), (source, nearest[:, 1:].ravel())), shape=(2000, 2000))
-    expected = minimum_spanning_tree(graph)
-    assert tree.nnz == 2 * expected.nnz
-    assert tree.sum() == pytest.approx(2 * expected.sum())
-    assert len(np.unique(group)) == 2000 - expected.nnz
+def hollow_ball(radius: float) -> PointCloud:
+    """A unit ball with a ball of this radius taken out of its middle."""
+    outer, inner = uniform_scan(sphere(1.0), 6000), uniform_scan(sphere(radius), 4000)
+    return PointCloud(
+        np.concatenate([outer.points, inner.points]),
+        np.concatenate([outer.normals, -inner.normals]),
+    )
+
+
+def test_a_cavitys_wall_points_into_the_cavity() -> None:
+    cloud = hollow_ball(0.6)
+    assert degrees_off(estimate_normals(cloud.points), cloud.normals).max() < 90
+
+
+def test_a_body_inside_a_cavity_points_outward_again() -> None:
+    shell, core = hollow_ball(0.7), uniform_scan(sphere(0.3), 2000)
+    points = np.concatenate([shell.points, core.points])
+    exact = np.concatenate([shell.normals, core.normals])
+    assert degrees_off(estimate_normals(points), exact).max() < 90
+
+
+def test_the_two_faces_of_a_plate_point_away_from_each_other() -> None:
+    # A fiftieth as thick as it is wide: four spacings of the points.
+    cloud = uniform_scan(thin_plate(0.04), 20_000)
+    assert (degrees_off(estimate_normals(cloud.points), cloud.normals) > 90).mean() < 0.02
+
+
+def test_patches_of_a_plate_that_noise_has_grouped_wrongly_turn_each_for_itself() -> None:
+    # The faces lie one spacing and five deviations of the noise apart.
+    cloud = uniform_scan(thin_plate(), 5000, noise=0.002)
+    assert (degrees_off(estimate_normals(cloud.points), cloud.normals) > 90).mean() < 0.05
+
+
+def test_noise_coarser_than_the_points_distance_is_seen_through() -> None:
+    cloud = uniform_scan(sphere(), 50_000, noise=0.005)
+    off = degrees_off(estimate_normals(cloud.points), cloud.normals)
+    assert np.median(off) < 12
+    assert (off > 90).mean() < 0.005
+
+
+def test_an_open_sheet_has_one_side() -> None:
+    place = np.random.default_rng(0).random((5000, 2))
+    wave = 0.1 * np.sin(7 * place)
+    found = estimate_normals(np.column_stack([place, wave.sum(1)]))
+    slope = np.column_stack([-0.7 * np.cos(7 * place), np.ones(len(place))])
+    assert len(np.unique(np.einsum("pi,pi->p", found, slope) > 0)) == 1
+
+
+def test_more_points_than_are_grouped_take_their_sites_side() -> None:
+    cloud = uniform_scan(torus(), 2 * SITES)
+    assert degrees_off(estimate_normals(cloud.points), cloud.normals).max() < 90
+
+
+def test_grouping_follows_the_strongest_links_and_their_signs() -> None:
+    first, second = np.array([0, 1, 2, 3]), np.array([1, 2, 3, 4])
+    link = np.array([1.0, -2.0, 0.1, -3.0])
+    group, signs = _grouped(first, second, link, 6, 3, never)
+    assert group[0] == group[1] == group[2] != group[3] == group[4]
+    assert len(np.unique(group)) == 3
+    assert signs[0] == signs[1] == -signs[2]
+    assert signs[3] == -signs[4]
+
+
+def test_a_stop_is_heeded_before_the_sides_are_known() -> None:
+    asked = []
+
+    def stop_later() -> None:
+        asked.append(True)
+        if len(asked) == 20:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        estimate_normals(uniform_scan(sphere(), 5000).points, check=stop_later)
 
 
 def test_more_points_than_a_block_keep_their_order() -> None:
