@@ -77,7 +77,7 @@ def _planes(
     around = points[chosen[nearest.T]]
     # Contiguous along the places: several times as fast as a product for each.
     away = [np.ascontiguousarray(axis - axis.mean(0)) for axis in np.moveaxis(around, 2, 0)]
-    covariance = np.empty((len(places), 3, 3))
+    covariance = np.zeros((len(places), 3, 3))
     for row in range(3):
         for column in range(row + 1):
             # eigh reads the lower triangle.

@@ -62,15 +62,16 @@ def reconstruct(
         )
         entry["notes"] = cleaning.sentences
         frame = Normalisation.of(cloud.points)
-    normals = cloud.normals
-    if normals is None:
-        with clock.phase("normals"):
-            normals = estimate_normals(cloud.points, backend.threads, clock.check)
     points = frame.to_cube(cloud.points)
     order = spatial_order(points)
     clock.check()
-    points, normals = points[order], normals[order]
+    points = points[order]
     clock.check()
+    if cloud.normals is not None:
+        normals = cloud.normals[order]
+    else:
+        with clock.phase("normals"):
+            normals = estimate_normals(points, backend.threads, clock.check)
     settings = decide(config)
     if config.profile == "fast":
         with clock.phase("noise") as entry:
