@@ -20,6 +20,10 @@ _THINNEST = 1e-6
 _LARGEST = 1e100
 _BAD_NORMALS_TOLERATED = 0.5
 
+_LONELY, _LONELY_SHARE = 0.15, 0.005
+_NEIGHBOURS = 12
+_FAR, _OFF_SURFACE = 1.5, 0.3
+
 
 @dataclass(frozen=True)
 class CleaningReport:
@@ -35,6 +39,7 @@ class CleaningReport:
     not_finite: int = 0
     duplicates: int = 0
     outliers: int = 0
+    scattered: int = 0
     filled_normals: int = 0
     rescaled_normals: int = 0
     dropped_normals: bool = False
@@ -46,6 +51,7 @@ class CleaningReport:
             "Points dropped for coordinates that are not finite": self.not_finite,
             "Exact duplicates merged": self.duplicates,
             "Stray points dropped, far from all others": self.outliers,
+            "Points dropped between surfaces, on none of them": self.scattered,
             "Missing normals taken from the nearest point": self.filled_normals,
             "Normals scaled to unit length": self.rescaled_normals,
         }
@@ -67,10 +73,10 @@ def clean_points(
     """The points that a surface can be made of, in their order, with unit normals or none.
 
     Drops points that are not finite (or beyond 1e100), merges exact duplicates (normals are added
-    up, the first colour and scalars stay) and drops strays as ``find_strays`` defines them.
-    Coordinates are never changed. Missing normals, zero or not finite, are taken from the nearest
-    point that has one; if more than half are missing, all are left out, as they are unless
-    ``normals`` is ``use``.
+    up, the first colour and scalars stay) and drops what ``find_strays`` and, where there are
+    normals, ``find_scattered`` find. Coordinates are never changed. Missing normals, zero or not
+    finite, are taken from the nearest point that has one; if more than half are missing, all are
+    left out, as they are unless ``normals`` is ``use``.
 
     Raises InputError: ``no_points`` where no point is finite, ``too_few_points`` below four
     distinct ones, ``collinear_points`` where all lie on one line.
@@ -98,12 +104,18 @@ def clean_points(
     _require_surface(kept.points)
     check()
     kept, filled = _unit_normals(kept, threads, check)
+    scattered = 0
+    if kept.normals is not None:
+        between = find_scattered(kept.points, kept.normals, threads, check)
+        scattered = int(between.sum())
+        kept = kept.select(~between) if scattered else kept
     report = CleaningReport(
         read=read,
         kept=len(kept),
         not_finite=read - len(cloud),
         duplicates=len(cloud) - len(distinct),
         outliers=int(strays.sum()),
+        scattered=scattered,
         filled_normals=filled,
         rescaled_normals=rescaled if kept.normals is not None else 0,
         dropped_normals=cloud.normals is not None and kept.normals is None,
@@ -152,6 +164,59 @@ def find_strays(points: np.ndarray) -> np.ndarray:
         cells = np.floor(np.clip((points[far] - middle) / radius, -1e15, 1e15)).astype(np.int64)
     strays[far] = _group_sizes(cells) < max(_LEAST_BODY, _BODY_SHARE * count)
     return strays
+
+
+def find_scattered(
+    points: np.ndarray, normals: np.ndarray, threads: int = -1, check: Check = never
+) -> np.ndarray:
+    """(P,) bool: points in the space between surfaces, where a scanner's noise has put them.
+
+    points (P, 3), finite and distinct; normals (P, 3), unit, of either side. A point is off the
+    surface if half of its 12 nearest lie more than 17° (sine 0.3) off its own plane, or it off
+    theirs. Scans are left alone unless 5 in 1,000 points lie in lonely places, which coarse cells
+    tell, and most of these are off the surface: elsewhere the scan is only sparse. Then all points
+    go that are off, and 1.5 times farther from their 12 nearest than is usual.
+    """
+    scattered = np.zeros(len(points), bool)
+    if len(points) <= _NEIGHBOURS:
+        return scattered
+    around = _count_around(points)
+    lonely = np.flatnonzero(around < _LONELY * np.median(around))
+    if len(lonely) < _LONELY_SHARE * len(points):
+        return scattered
+    from visco_core.neighbours import Neighbours
+
+    look_up = Neighbours(points, threads, check)
+
+    def off_surface(chosen: np.ndarray) -> np.ndarray:
+        distance, near = (
+            found[:, 1:] for found in look_up.nearest(points[chosen], _NEIGHBOURS + 1)
+        )
+        offset = points[near] - points[chosen, None]
+        sines = [
+            np.abs((offset * plane).sum(2)) / distance
+            for plane in (normals[near], normals[chosen, None])
+        ]
+        return np.max([np.median(sine, axis=1) for sine in sines], axis=0) > _OFF_SURFACE
+
+    if off_surface(lonely).mean() > 0.5:
+        reach = look_up.nearest(points, _NEIGHBOURS + 1)[0][:, -1]
+        far = np.flatnonzero(reach > _FAR * np.median(reach))
+        scattered[far] = off_surface(far)
+    return scattered
+
+
+def _count_around(points: np.ndarray) -> np.ndarray:
+    """(P,) how many points share each one's cell and the 26 around it, some 60 on a surface."""
+    from scipy.ndimage import uniform_filter
+
+    cells = int(np.clip(np.sqrt(len(points) / 20), 4, 64))
+    low = points.min(axis=0)
+    width = np.ptp(points, axis=0).max() / cells
+    cell = np.minimum(((points - low) / width).astype(np.int64), cells - 1)
+    place = (cell[:, 0] * cells + cell[:, 1]) * cells + cell[:, 2]
+    counts = np.bincount(place, minlength=cells**3).astype(np.float64).reshape((cells,) * 3)
+    return 27 * uniform_filter(counts, 3, mode="constant").ravel()[place]
 
 
 def _group_sizes(cells: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
+from scipy import ndimage
 
 from visco_core.clock import Clock
 from visco_core.energy import Energy
@@ -40,6 +41,10 @@ CONTINUATION = (4.0, 2.0, 1.0)
 """ε on the coarsest level, in turn, as multiples of the asked one. A larger ε leaves fewer local
 minima and moves the surface across holes in few steps; starting at the asked ε ends higher. Two
 solutions tell where the next one lies, and the last two where ε → 0 leads: see ``_towards``."""
+
+AROUND, DENSE = 17, 5.0
+"""Voxels a side of the block that tells whether a node's surroundings are densely scanned, and the
+points a voxel of a plane then holds."""
 
 BYTES_PER_NODE = 150
 BYTES_PER_POINT = 420
@@ -259,12 +264,15 @@ def _solve_level(
         stages = plan.stages(level)
         following = [epsilon for epsilon, _ in stages[1:]] + [0.0]
         before: tuple[float, Array] | None = None
+        freedom = _freedom(grid, samples) if len(stages) > 1 else None
         for (epsilon, solver), after in zip(stages, following, strict=True):
             state = minimise(solver, energy.with_epsilon(epsilon), values, clock, reporter.tell)
-            losses = state.losses
+            values, losses = state.values, state.losses
             reporter.end_stage(state)
-            values = _towards(after, (epsilon, state.values), before, samples)
-            before = epsilon, state.values
+            solved = epsilon, values
+            if before is not None:
+                values = _towards(after, solved, before, freedom)
+            before = solved
         plan.measured(level, reporter.work, reporter.seconds)
         entry.update(steps=reporter.steps, iterations=reporter.work, **losses)
     return SolvedLevel(grid, values, samples, losses)
@@ -273,22 +281,32 @@ def _solve_level(
 def _towards(
     epsilon: float,
     last: tuple[float, Array],
-    before: tuple[float, Array] | None,
-    samples: Samples,
+    before: tuple[float, Array],
+    freedom: Array,
 ) -> Array:
     """Where the solutions (ε, f) ``before`` and ``last`` lead at ``epsilon``, on a straight line.
 
     At ε = 0 it is Richardson's extrapolation: the distance that the viscosity solutions tend to,
-    without their leading error. Only where no point holds the surface: elsewhere that error is
-    small, and the difference of two solutions is full of the points' noise.
+    without their leading error. Each node goes as far as its ``freedom`` (N + 1,) says.
     """
-    if before is None:
-        return last[1]
     share = (last[0] - epsilon) / (before[0] - last[0])
-    values = last[1] + np.float32(share) * (last[1] - before[1])
-    held = samples.corners.reshape(-1)
-    values[held] = last[1][held]
-    return values
+    return last[1] + np.float32(share) * freedom * (last[1] - before[1])
+
+
+def _freedom(grid: Grid, samples: Samples) -> Array:
+    """(N + 1,) float32 in [0, 1]: how far a node of the dense ``grid`` may be extrapolated.
+
+    Not at all in a voxel with points: what differs there between two solutions is their noise. All
+    the way in a hole of a dense scan, where the voxels around hold as many points as ``DENSE`` in
+    each voxel of a plane would make. A sparse scan is full of gaps that are no holes.
+    """
+    backend, side = grid.backend, grid.side
+    corners, starts = backend.numpy(samples.corners), backend.numpy(samples.starts)
+    counts = np.bincount(corners[:, 0], np.diff(starts), side**3).reshape(side, side, side)
+    around = ndimage.uniform_filter(counts, AROUND, mode="constant") * AROUND**3
+    freedom = np.minimum(around / (DENSE * AROUND**2), 1).astype(np.float32)
+    freedom.reshape(-1)[corners] = 0
+    return backend.array(np.append(freedom, np.float32(0)))
 
 
 class _Reporter:

@@ -8,6 +8,7 @@ from io_files import sphere
 
 from visco_core.clean import clean_points
 from visco_core.errors import InputError
+from visco_core.gallery import SHAPES, add_outliers, flip_normals, uniform_scan, vary_density
 from visco_core.pointcloud import PointCloud
 
 
@@ -159,6 +160,29 @@ def test_a_marker_at_the_origin_repeated_for_every_lost_ray_is_one_stray() -> No
 
     assert (report.duplicates, report.outliers) == (399, 1)
     assert np.array_equal(cleaned.points, body)
+
+
+@pytest.mark.parametrize("shape", ["sphere", "octopus", "bracket"])
+def test_points_scattered_between_surfaces_are_dropped_and_the_surface_is_kept(shape: str) -> None:
+    surface = uniform_scan(SHAPES[shape](), 20_000)
+    cloud = add_outliers(surface, 0.05)
+    kept, report = clean_points(cloud)
+    assert report.scattered > 850
+    assert any("on none of them" in sentence for sentence in report.sentences)
+    lost = set(map(tuple, surface.points)) - set(map(tuple, kept.points))
+    assert len(lost) < 20
+
+
+@pytest.mark.parametrize("shape", ["sphere", "octopus", "bracket", "thin_plate"])
+def test_no_point_of_a_surface_is_scattered_however_noisy_or_badly_oriented(shape: str) -> None:
+    cloud = flip_normals(uniform_scan(SHAPES[shape](), 20_000, noise=0.005), 0.3)
+    assert clean_points(cloud)[1].scattered == 0
+
+
+@pytest.mark.parametrize("shape", ["torus", "bumpy_torus", "octopus", "thin_plate"])
+def test_surface_a_hundred_times_sparser_than_the_rest_is_kept(shape: str) -> None:
+    cloud = vary_density(uniform_scan(SHAPES[shape](), 50_000), 100.0)
+    assert clean_points(cloud)[1].scattered == 0
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e7])
