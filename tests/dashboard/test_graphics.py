@@ -50,8 +50,10 @@ def test_graphics_that_come_back_show_the_same_view(open_page: OpenPage, finishe
 
 def test_graphics_that_stay_away_are_asked_for_anew(open_page: OpenPage, finished: str) -> None:
     page = open_page(f"/jobs/{finished}")
-    canvas, before = _turned(page)
+    canvas, _ = _turned(page)
     page.get_by_label("Surface shown as").select_option("normals")
+    settle(page)
+    before = silhouette(pixels(canvas))
     canvas.evaluate("canvas => { canvas.dataset.old = 'yes' }")
     canvas.evaluate(_LOSE)
     expect(page.locator("canvas[data-old]")).to_have_count(0)

@@ -89,7 +89,7 @@ export class Stage {
     this.fit();
   }
 
-  /** Shows another mesh; the camera stays unless this is the first thing to be seen. */
+  /** Shows another mesh; the camera stays once someone has moved it, and else sees all of it. */
   setMesh(geometry: Geometry | null): void {
     this.coarser?.terminate();
     this.coarser = null;
@@ -258,7 +258,7 @@ export class Stage {
     this.scenery.place(this.frame);
     this.cut(this.section);
     if (isFirst && this.awaited) this.takePose(this.awaited);
-    else if (isFirst) this.fit();
+    else if (this.fitted) this.fit(this.fitted.from);
     this.draw();
   }
 
