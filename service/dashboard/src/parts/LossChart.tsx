@@ -28,7 +28,7 @@ export function LossChart({ points, ended }: { points: readonly LossPoint[]; end
           <g key={x} class="level">
             <line x1={x} x2={x} y1={0} y2={HEIGHT} />
             {(levels[place + 1]?.[1] ?? Infinity) - x > LABEL_WIDTH && (
-              <text x={x + 4} y={-5}>
+              <text x={Math.min(x + 4, WIDTH - LABEL_WIDTH)} y={-5}>
                 {resolution}
               </text>
             )}
