@@ -13,7 +13,7 @@ NPM = $(or $(shell command -v npm),PATH="$(NODE_WHEEL)/bin:$$PATH" node $(NODE_W
 
 setup: $(READY)
 
-$(READY): pyproject.toml constraints.txt
+$(READY): pyproject.toml constraints.txt $(wildcard visco_core/kernels/native/src/* visco_core/kernels/native/build.py)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "VisCo needs Python 3.11 or newer; name one with: make PYTHON=python3.12" >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || \
@@ -21,7 +21,6 @@ $(READY): pyproject.toml constraints.txt
 		{ echo "Python's venv module is missing; install it with: apt install python3-venv" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install -q -c constraints.txt -e '.[test]'
-	$(BIN)/visco warmup
 	touch $@
 
 dashboard: $(DASHBOARD)/dist/index.html

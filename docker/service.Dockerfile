@@ -17,7 +17,7 @@ COPY --from=dashboard /source/service/dashboard/dist service/dashboard/dist
 COPY docker/service-requirements.txt ./
 RUN python -m venv /opt/visco \
     && /opt/visco/bin/pip install --no-cache-dir -c constraints.txt -r service-requirements.txt \
-    && /opt/visco/bin/pip install --no-cache-dir --no-deps .
+    && VISCO_CPU=x86_64_v2 /opt/visco/bin/pip install --no-cache-dir --no-deps .
 
 FROM python:3.11-slim
 RUN useradd --system --uid 10001 --create-home visco && install -d -o visco /data

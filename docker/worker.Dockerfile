@@ -4,6 +4,8 @@
 FROM python:3.11-slim AS build
 ARG TORCH=torch==2.13.0
 ARG TORCH_OPTIONS=
+# What the kernels are compiled for: the oldest processor that the image runs on.
+ARG CPU=x86_64_v3
 WORKDIR /source
 RUN python -m venv /opt/visco \
     && /opt/visco/bin/pip install --no-cache-dir ${TORCH} ${TORCH_OPTIONS}
@@ -11,7 +13,7 @@ COPY pyproject.toml README.md constraints.txt ./
 COPY visco_core visco_core
 COPY service service
 COPY worker worker
-RUN /opt/visco/bin/pip install --no-cache-dir -c constraints.txt ".[postgres,s3]"
+RUN VISCO_CPU=${CPU} /opt/visco/bin/pip install --no-cache-dir -c constraints.txt ".[postgres,s3]"
 
 FROM python:3.11-slim
 RUN apt-get update \
@@ -19,12 +21,9 @@ RUN apt-get update \
     && rm -rf /var/lib/apt/lists/* \
     && useradd --system --uid 10001 --create-home visco && install -d -o visco /data
 COPY --from=build /opt/visco /opt/visco
-# Compiled kernels are kept on the volume, so that a restarted container is warm.
 ENV PATH=/opt/visco/bin:$PATH \
     PYTHONDONTWRITEBYTECODE=1 \
     PYTHONUNBUFFERED=1 \
-    NUMBA_CACHE_DIR=/data/kernels \
-    TRITON_CACHE_DIR=/data/kernels \
     VISCO_DATA_DIR=/data \
     VISCO_LOG_FORMAT=json
 USER visco

@@ -15,13 +15,11 @@ from importlib.metadata import EntryPoint, entry_points
 OWN_COMMANDS = {
     "reconstruct": "visco_core.commands.reconstruct",
     "evaluate": "visco_core.commands.evaluate",
-    "warmup": "visco_core.commands.warmup",
 }
 
 HELP = {
     "reconstruct": "turn one scan into a mesh, in this process",
     "evaluate": "measure a mesh against the truth",
-    "warmup": "compile the CPU kernels, once for this machine",
 }
 
 

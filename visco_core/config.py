@@ -209,7 +209,7 @@ class ReconstructionConfig(_Checked):
     schedule: LevelSchedule = field(default_factory=LevelSchedule)
     budget: Budget = field(default_factory=Budget)
     device: Device = "auto"
-    backend: Literal["auto", "reference", "numba"] = "auto"
+    backend: Literal["auto", "reference", "native"] = "auto"
     threads: int | None = None
 
     def __post_init__(self) -> None:

@@ -144,12 +144,15 @@ class Energy:
         )
         return scale * total
 
-    def matvec(self, at: Linearisation, v: Array, out: Array) -> None:
-        """out = (λv/N JᵀJ + λp/m PᵀP + λn/m GᵀG) v for v (N + 1,) that is zero off free nodes."""
-        grid, kernels = self.grid, self._kernels
-        kernels.viscosity_rows(v, at.slopes, grid.runs, self._laplace, self._rows)
-        kernels.viscosity_columns(self._rows, at.slopes, grid.runs, self._laplace, self._scale, out)
-        self._add_points(v, out)
+    def matvec(self, at: Linearisation, v: Array, out: Array) -> float:
+        """out = (λv/N JᵀJ + λp/m PᵀP + λn/m GᵀG) v for v (N + 1,) that is zero off free nodes.
+
+        Returns v · out.
+        """
+        grid, s = self.grid, self.samples
+        rows = at.slopes, grid.runs, grid.run_slabs, self._laplace, self._scale
+        points = s.corners, self._matrices, s.slabs
+        return self._kernels.operate(v, *rows, *points, grid.flags, self._rows, out)
 
     def diagonal(self, at: Linearisation) -> Array:
         """The diagonal (N + 1,) of the operator of ``matvec``; zero where nothing is free."""
@@ -158,8 +161,7 @@ class Energy:
         self._kernels.viscosity_diagonal(
             at.slopes, grid.runs, grid.flags, self._laplace, self._scale, out
         )
-        corner = np.arange(8)
-        return out + self._scattered(self._matrices[:, corner, corner])
+        return out + self._scattered(self._matrices[:, 0])
 
     def spline_energies(self, basis: np.ndarray, spacing: int, side: int) -> Array:
         """What the points and normals make of each spline (side,)³ whose knots lie on the grid.

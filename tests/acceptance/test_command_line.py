@@ -50,7 +50,7 @@ def test_the_picture_shows_something(reconstructed: Path) -> None:
 def test_the_report_tells_settings_phases_losses_outcome_and_backend(reconstructed: Path) -> None:
     report = json.loads((reconstructed / "report.json").read_text())
     assert report["settings"]["resolution"] == 128
-    assert report["backend"] == "numba on cpu"
+    assert report["backend"] == "native on cpu"
     assert report["outcome"]["code"] == "complete"
     phases = [phase["phase"] for phase in report["phases"]]
     assert phases[0] == "read"
@@ -80,7 +80,7 @@ def test_evaluating_a_mesh_against_itself_finds_no_distance(reconstructed: Path)
         (["SCAN", "-o", "out.glb", "--set", "lambda_v"], "NAME=VALUE"),
         (["SCAN", "-o", "out.glb", "--max-memory", "lots"], "4GiB"),
         (["SCAN", "-o", "out.glb", "--threads", "0"], "at least 1"),
-        (["SCAN", "-o", "out.glb", "--backend", "numba", "--device", "cuda"], "use device cpu"),
+        (["SCAN", "-o", "out.glb", "--backend", "native", "--device", "cuda"], "use device cpu"),
     ],
 )
 def test_bad_input_exits_2_with_one_sentence_and_leaves_nothing(

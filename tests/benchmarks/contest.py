@@ -25,7 +25,7 @@ from visco_core.metrics import evaluate, occupancy_iou
 from visco_core.pointcloud import PointCloud
 from visco_core.result import Mesh
 
-_PACKAGES = ("numpy", "torch", "numba", "open3d", "pymeshlab")
+_PACKAGES = ("numpy", "torch", "open3d", "pymeshlab")
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--budget", type=float, metavar="SECONDS", help="wall-clock limit")
     parser.add_argument("--profile", choices=("fast", "paper"), help="solver (fast)")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
-    parser.add_argument("--backend", choices=("auto", "reference", "numba"), default="auto")
+    parser.add_argument("--backend", choices=("auto", "reference", "native"), default="auto")
     parser.add_argument("--threads", type=int, help="CPU threads (all)")
     parser.add_argument("--max-memory", metavar="SIZE", help="memory limit, such as 4GiB")
     parser.add_argument(
@@ -47,7 +47,6 @@ def run(args: argparse.Namespace) -> int:
     from visco_core.reconstruction import reconstruct
 
     check_output(args.output)
-    started_at += _warm_up(config)
     with _StopOnInterrupt() as stop, _bar(args.quiet) as bar:
         read_at = time.monotonic()
         cloud = read_points(args.scan)
@@ -103,20 +102,6 @@ def _process_start() -> float:
     import psutil
 
     return time.monotonic() - max(time.time() - psutil.Process().create_time(), 0.0)
-
-
-def _warm_up(config: ReconstructionConfig) -> float:
-    """Compiles kernels that no earlier run left compiled; the seconds are not charged."""
-    from visco_core.kernels import choose_backend
-    from visco_core.warmup import is_warm, warm_up
-
-    backend = choose_backend(config.backend, config.device, config.threads)
-    if is_warm(backend):
-        return 0.0
-    begun = time.monotonic()
-    print("Compiling the CPU kernels, once for this machine (about a minute).", file=sys.stderr)
-    warm_up(backend)
-    return time.monotonic() - begun
 
 
 class _StopOnInterrupt:

@@ -20,9 +20,9 @@ class Grid:
 
     ijk (N, 3) int16; columns (side² + 1,) int64, the start of each (i, j) column;
     neighbours (N, 6) int32 in the order −x, +x, −y, +y, −z, +z, N where there is none;
-    flags (N + 1,) uint8; runs (R, 6) int64 as ``kernels.free_runs`` makes them. A node on the rim,
-    that lacks a neighbour, is neither ROW nor FREE: its value is fixed and bounds the solve
-    (Dirichlet).
+    flags (N + 1,) uint8; runs (R, 6) and run_slabs (side + 1,) int64 as ``kernels.free_runs`` makes
+    them. A node on the rim, that lacks a neighbour, is neither ROW nor FREE: its value is fixed and
+    bounds the solve (Dirichlet).
     """
 
     backend: Backend
@@ -32,6 +32,7 @@ class Grid:
     neighbours: Array
     flags: Array
     runs: Array
+    run_slabs: Array
 
     def __len__(self) -> int:
         return len(self.ijk)
@@ -54,8 +55,8 @@ class Grid:
 
 def _grid(backend: Backend, side: int, ijk: Array, columns: Array) -> Grid:
     neighbours, flags = backend.kernels.neighbour_table(ijk, columns, side)
-    runs = backend.kernels.free_runs(neighbours, flags)
-    return Grid(backend, side, ijk, columns, neighbours, flags, runs)
+    runs, run_slabs = backend.kernels.free_runs(neighbours, flags, columns[::side])
+    return Grid(backend, side, ijk, columns, neighbours, flags, runs, run_slabs)
 
 
 def dense_grid(backend: Backend, side: int) -> Grid:

@@ -1,7 +1,7 @@
 """Which compiled or plain kernels a run uses, and where its arrays live.
 
-``reference`` and ``numba_cpu`` have the same functions with the same signatures, in files of the
-same names; the first is the specification of the second. Nothing is imported or compiled before
+``reference`` and ``native`` have the same functions with the same signatures, in files of the
+same names; the first is the specification of the second. Nothing is imported before
 ``choose_backend`` is called.
 """
 
@@ -16,10 +16,9 @@ from typing import Any, Literal
 import numpy as np
 
 from visco_core.errors import InputError
-from visco_core.kernels.cache import discard_stale
 
 Array = Any
-"""A numpy array under ``numba``, a torch tensor under ``reference``."""
+"""A numpy array under ``native``, a torch tensor under ``reference``."""
 
 ROW, FREE = 1, 2
 """Flags of a node: the viscosity loss has a row there; its value is unknown."""
@@ -29,14 +28,14 @@ ROW, FREE = 1, 2
 class Backend:
     """A package of kernels, the device that its arrays live on, and the CPU threads it may use."""
 
-    name: Literal["numba", "reference"]
+    name: Literal["native", "reference"]
     device: str
     kernels: ModuleType
     threads: int
 
     def array(self, values: np.ndarray) -> Array:
         """``values`` on the backend's device, copied only where it must be."""
-        if self.name == "numba":
+        if self.name == "native":
             return np.ascontiguousarray(values)
         import torch
 
@@ -47,7 +46,7 @@ class Backend:
 
     def zeros(self, *shape: int) -> Array:
         """float32 zeros."""
-        if self.name == "numba":
+        if self.name == "native":
             return np.zeros(shape, np.float32)
         import torch
 
@@ -55,7 +54,7 @@ class Backend:
 
     def starts(self, counts: Array) -> Array:
         """(N + 1,) int64: where each of N consecutive runs of ``counts`` entries starts."""
-        if self.name == "numba":
+        if self.name == "native":
             return np.append(0, np.cumsum(counts, dtype=np.int64))
         import torch
 
@@ -66,27 +65,20 @@ class Backend:
 def choose_backend(name: str = "auto", device: str = "auto", threads: int | None = None) -> Backend:
     """The backend that was asked for; only ``auto`` may choose.
 
-    ``auto`` takes CUDA with the torch kernels where a device answers, else numba on the CPU.
+    ``auto`` takes CUDA with the torch kernels where a device answers, else the CPU's compiled ones.
     Raises InputError (``device_unavailable``, ``invalid_option``) when the request cannot be met.
     """
-    if device == "cuda" and name == "numba":
-        raise InputError("invalid_option", "The numba backend runs on the CPU; use device cpu.")
-    if device in ("auto", "cuda") and name != "numba" and _has_cuda(required=device == "cuda"):
+    if device == "cuda" and name == "native":
+        raise InputError("invalid_option", "The native backend runs on the CPU; use device cpu.")
+    if device in ("auto", "cuda") and name != "native" and _has_cuda(required=device == "cuda"):
         return _reference("cuda", threads)
     if name == "reference":
         return _reference("cpu", threads)
-    # GNU OpenMP's threads spin at every barrier: where other processes want the same cores a solve
-    # took 15 to 20 times as long. Waiting passively costs little where they do not.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    import numba
-
-    config = vars(importlib.import_module("numba.core.config"))
-    available = config["NUMBA_NUM_THREADS"]
-    used = min(threads or available, available)
-    numba.set_num_threads(used)
-    kernels = importlib.import_module("visco_core.kernels.numba_cpu")
-    discard_stale(kernels)
-    return Backend("numba", "cpu", kernels, used)
+    kernels = importlib.import_module("visco_core.kernels.native")
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    used = min(threads or available or 1, available or 1)
+    kernels.set_threads(used)
+    return Backend("native", "cpu", kernels, used)
 
 
 def _reference(device: str, threads: int | None) -> Backend:

@@ -20,7 +20,6 @@ def ground_shadow(
     camera: Camera,
     size: tuple[int, int],
     up_axis: UpAxis,
-    threads: int,
 ) -> np.ndarray:
     """Share of the light that the ground loses at each pixel, (H, W) float32.
 
@@ -37,7 +36,7 @@ def ground_shadow(
     cell = width * (1.0 + 2.0 * _PAD) / _CELLS
     corner = 0.5 * (low + high)[flat] - 0.5 * _CELLS * cell
     shade = _shade_map(
-        (vertices[:, flat] - corner) / cell, (vertices[:, axis] - low[axis]) / width, faces, threads
+        (vertices[:, flat] - corner) / cell, (vertices[:, axis] - low[axis]) / width, faces
     )
     column, row = np.meshgrid(*[(np.arange(n) + 0.5) * camera.size[0] / size[0] for n in size])
     local = np.stack([column - 0.5 * camera.size[0], 0.5 * camera.size[1] - row], axis=-1)
@@ -50,7 +49,7 @@ def ground_shadow(
     return np.where(fall < 0.0, found, 0.0).astype(np.float32)
 
 
-def _shade_map(plan: np.ndarray, height: np.ndarray, faces: np.ndarray, threads: int) -> np.ndarray:
+def _shade_map(plan: np.ndarray, height: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(cells, cells) shade on the ground from the lowest surface above each cell.
 
     plan (V, 2): in cells; height (V,): above the ground, in object widths.
@@ -58,7 +57,7 @@ def _shade_map(plan: np.ndarray, height: np.ndarray, faces: np.ndarray, threads:
     from scipy.ndimage import gaussian_filter
 
     screen = np.column_stack([plan, np.exp(-height)]).astype(np.float32)
-    nearness, owner = see_triangles(screen, faces, (_CELLS, _CELLS), threads)
+    nearness, owner = see_triangles(screen, faces, (_CELLS, _CELLS))
     above = -np.log(np.maximum(nearness, 1e-30))
     shade = np.zeros((_CELLS, _CELLS), dtype=np.float32)
     cells_a_width = _CELLS / (1.0 + 2.0 * _PAD)

@@ -9,11 +9,13 @@ from typing import Literal
 import numpy as np
 
 from visco_core.errors import InputError
+from visco_core.io.faces import vertex_normals
+from visco_core.kernels.native import set_threads
 from visco_core.pointcloud import PointCloud
 from visco_core.preview.camera import Camera, UpAxis, extent, frame_points
 from visco_core.preview.colormap import ColorMapName, colors_of, draw_legend
 from visco_core.preview.ground import ground_shadow
-from visco_core.preview.raster import see_points, see_triangles, vertex_normals
+from visco_core.preview.raster import see_points, see_triangles
 from visco_core.preview.shading import Surface, light
 from visco_core.result import Mesh
 
@@ -48,12 +50,13 @@ def render_preview(
     """
     if not len(mesh.faces):
         raise InputError("empty_mesh", "The mesh has no faces to draw; give one with faces.")
+    set_threads(threads)
     large = (size[0] * supersample, size[1] * supersample)
     camera = frame_points(mesh.vertices, large, up_axis, azimuth, elevation)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
     normals = mesh.normals
     if normals is None:
-        normals = vertex_normals(np.ascontiguousarray(mesh.vertices), faces)
+        normals = vertex_normals(mesh.vertices, faces)
     if values is not None and value_range is None:
         value_range = (float(np.nanmin(values)), float(np.nanmax(values)))
     if values is not None and value_range is not None:
@@ -61,11 +64,11 @@ def render_preview(
     else:
         shades = _own_colors(mesh.colors, len(mesh.vertices))
     screen = camera.to_screen(camera.to_frame(mesh.vertices))
-    depth, owner = see_triangles(screen, faces, large, threads)
+    depth, owner = see_triangles(screen, faces, large)
     turned = camera.turn(normals)
     surface = Surface(depth, owner, screen, faces, turned, _linear(shades), supersample)
-    shadow = ground_shadow(mesh.vertices, faces, camera, size, up_axis, threads)
-    picture = _compose(surface, camera, mesh.vertices, shadow, background, threads)
+    shadow = ground_shadow(mesh.vertices, faces, camera, size, up_axis)
+    picture = _compose(surface, camera, mesh.vertices, shadow, background)
     if value_range is not None and values is not None:
         picture = draw_legend(picture, *value_range, label, colormap)
     return _written(picture, path)
@@ -90,6 +93,7 @@ def render_points(
     """
     if not len(cloud):
         raise InputError("empty_scan", "The scan has no points to draw.")
+    set_threads(threads)
     large = (size[0] * supersample, size[1] * supersample)
     bulk = _bulk(cloud.points)
     camera = frame_points(bulk, large, up_axis, azimuth, elevation)
@@ -98,7 +102,7 @@ def render_points(
     cloud, local = cloud.select(ahead), local[ahead]
     screen = camera.to_screen(local)
     radius = 0.8 * _spacing(cloud.points) * camera.focal
-    depth, owner = see_points(screen, radius, large, threads)
+    depth, owner = see_points(screen, radius, large)
     if cloud.normals is None:
         turned = -local / np.linalg.norm(local, axis=1, keepdims=True)
     else:
@@ -107,7 +111,7 @@ def render_points(
     faces = np.empty((0, 3), dtype=np.int32)
     surface = Surface(depth, owner, screen, faces, turned, shades, supersample)
     shadow = np.zeros((size[1], size[0]), dtype=np.float32)
-    return _written(_compose(surface, camera, bulk, shadow, background, threads), path)
+    return _written(_compose(surface, camera, bulk, shadow, background), path)
 
 
 def _compose(
@@ -116,7 +120,6 @@ def _compose(
     points: np.ndarray,
     shadow: np.ndarray,
     background: Background,
-    threads: int,
 ) -> np.ndarray:
     """Surface over ground shadow over background, as sRGB (H, W, 4) uint8.
 
@@ -124,7 +127,7 @@ def _compose(
     """
     low, high = extent(points)
     reach = _OCCLUSION_REACH * float(np.linalg.norm(high - low))
-    lit = light(surface, camera, reach, threads)
+    lit = light(surface, camera, reach)
     coverage = lit[..., 3:]
     darkness = shadow[..., None] * (1.0 - coverage)
     if background == "transparent":

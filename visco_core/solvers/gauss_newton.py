@@ -10,7 +10,6 @@ grow.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +17,7 @@ import numpy as np
 from visco_core.energy import Energy, Linearisation
 from visco_core.kernels import Array
 from visco_core.solvers.loop import Pace
-from visco_core.solvers.preconditioner import Multilevel, Preconditioner, jacobi
+from visco_core.solvers.preconditioner import Multilevel, inverse_diagonal
 
 HALVINGS = 4
 
@@ -28,10 +27,10 @@ LEAST_INNER_STEPS = 10
 
 @dataclass(frozen=True)
 class GaussNewtonState:
-    """``precondition`` makes, from the operator's diagonal, what is applied to each residual."""
+    """``coarser`` corrects what the operator's diagonal makes of a residual, on a dense grid."""
 
     at: Linearisation
-    precondition: Callable[[Array], Preconditioner]
+    coarser: Multilevel | None
     steps: int = 0
     work: int = 0
     converged: bool = False
@@ -63,8 +62,8 @@ class GaussNewton:
         return self.steps * self.inner_steps
 
     def init(self, energy: Energy, values: Array) -> GaussNewtonState:
-        precondition = Multilevel(energy) if energy.grid.is_dense else jacobi
-        return GaussNewtonState(energy.linearise(values), precondition)
+        coarser = Multilevel(energy) if energy.grid.is_dense else None
+        return GaussNewtonState(energy.linearise(values), coarser)
 
     def step(self, energy: Energy, state: GaussNewtonState, pace: Pace) -> GaussNewtonState:
         delta, used = self._solve(energy, state, pace)
@@ -85,22 +84,22 @@ class GaussNewton:
         """Preconditioned conjugate gradients for the step δ (N + 1,)."""
         backend = energy.grid.backend
         kernels = backend.kernels
-        at = state.at
-        precondition = state.precondition(energy.diagonal(at))
+        at, coarser = state.at, state.coarser
+        inverse = inverse_diagonal(energy.diagonal(at))
         x, q = backend.zeros(*at.values.shape), backend.zeros(*at.values.shape)
         r = -at.gradient
-        z = precondition(r)
+        z = inverse * r
+        rz = first = coarser.correct(r, z) if coarser else kernels.dot(r, z)
         p = z + 0
-        rz = first = kernels.dot(r, z)
         for iteration in range(self.inner_steps):
             pace.check()
-            energy.matvec(at, p, q)
-            curvature = kernels.dot(p, q)
+            curvature = energy.matvec(at, p, q)
             if curvature <= 0:
                 return x, iteration
-            kernels.cg_advance(x, r, p, q, np.float32(rz / curvature))
-            z = precondition(r)
-            rz, previous = kernels.dot(r, z), rz
+            previous = rz
+            rz = kernels.cg_advance(x, r, p, q, np.float32(rz / curvature), inverse, z)
+            if coarser:
+                rz = coarser.correct(r, z)
             enough = rz <= self.inner_tolerance**2 * first
             if enough or (iteration >= LEAST_INNER_STEPS and pace.late()):
                 return x, iteration + 1

@@ -12,26 +12,24 @@ viscosity term averaged over the directions of n̂.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from visco_core.energy import Energy
 from visco_core.kernels import Array
 
-Preconditioner = Callable[[Array], Array]
-
 COARSER_GRIDS = 3
 
 
-def jacobi(diagonal: Array) -> Preconditioner:
-    """Division by the operator's diagonal (N + 1,), zero where that is zero."""
-    inverse = (diagonal > 0) / (diagonal + (diagonal == 0))
-    return lambda residual: inverse * residual
+def inverse_diagonal(diagonal: Array) -> Array:
+    """D₀⁻¹: one over the operator's diagonal (N + 1,), zero where that is zero."""
+    return (diagonal > 0) / (diagonal + (diagonal == 0))
 
 
 class Multilevel:
-    """BPX for an energy whose grid is dense; built once, used for every linearisation."""
+    """The corrections of the coarser grids, for an energy whose grid is dense.
+
+    Built once, used for every linearisation.
+    """
 
     def __init__(self, energy: Energy) -> None:
         self._grid = energy.grid
@@ -44,18 +42,11 @@ class Multilevel:
             points = energy.spline_energies(basis, 2**level, side)
             self._inverses.append(1 / (points + energy.viscosity_of_spline(basis)))
 
-    def __call__(self, diagonal: Array) -> Preconditioner:
-        """The preconditioner for the operator whose diagonal (N + 1,) is given."""
-        fine = jacobi(diagonal)
+    def correct(self, residual: Array, z: Array) -> float:
+        """z += Σ_l P_l D_l⁻¹ P_lᵀ residual, both (N + 1,); returns residual · z.
 
-        def apply(residual: Array) -> Array:
-            out = fine(residual)
-            out[:-1] += self._coarse(residual).reshape(-1)
-            return out
-
-        return apply
-
-    def _coarse(self, residual: Array) -> Array:
+        The cube's rim is fixed and stays as it is.
+        """
         side = self._grid.side
         restricted = [residual[:-1].reshape(side, side, side)]
         for _ in self._inverses:
@@ -63,10 +54,7 @@ class Multilevel:
         total = restricted[-1] * self._inverses[-1]
         for inverse, r in zip(self._inverses[-2::-1], restricted[-2:0:-1], strict=True):
             total = inverse * r + self._kernels.spline_prolong(total, len(r))
-        out = self._kernels.spline_prolong(total, side)
-        # The cube's rim is fixed.
-        out[:: side - 1] = out[:, :: side - 1] = out[:, :, :: side - 1] = 0
-        return out
+        return self._kernels.spline_correct(total, side, residual, z)
 
 
 def spline_basis(level: int) -> np.ndarray:

@@ -9,12 +9,12 @@ import pytest
 
 from visco_core.kernels import Backend, choose_backend
 
-THREADS = {"numba": 2, "reference": 1}
+THREADS = {"native": 2, "reference": 1}
 
 
 @pytest.fixture(scope="session")
-def numba_backend() -> Backend:
-    return choose_backend("numba", "cpu", THREADS["numba"])
+def native_backend() -> Backend:
+    return choose_backend("native", "cpu", THREADS["native"])
 
 
 @pytest.fixture(scope="session")

@@ -131,6 +131,20 @@ class Scan:
     matrices: np.ndarray
 
 
+def diagonals_of(whole: np.ndarray) -> np.ndarray:
+    """The cyclic diagonals (M, 5, 8) of symmetric matrices (M, 8, 8)."""
+    r = np.arange(8)
+    return np.stack([whole[:, r, (r + k) % 8] for k in range(5)], 1)
+
+
+def whole_of(diagonals: np.ndarray) -> np.ndarray:
+    """The inverse of ``diagonals_of``."""
+    whole, r = np.empty((len(diagonals), 8, 8), diagonals.dtype), np.arange(8)
+    for k in range(5):
+        whole[:, r, (r + k) % 8] = whole[:, (r + k) % 8, r] = diagonals[:, k]
+    return whole
+
+
 def scan_on(nodes: Nodes) -> Scan:
     rng = nodes.rng
     corners = corners_of(nodes, np.flatnonzero(rng.random(len(nodes)) < 0.5))
@@ -145,7 +159,7 @@ def scan_on(nodes: Nodes) -> Scan:
         local=local,
         normals=(normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32),
         slabs=np.searchsorted(nodes.ijk[corners[:, 0], 0], np.arange(nodes.side + 1)),
-        matrices=np.einsum("mkr,mkc->mrc", rows, rows),
+        matrices=diagonals_of(np.einsum("mkr,mkc->mrc", rows, rows)),
     )
 
 
@@ -157,8 +171,12 @@ def _linearise(n: Nodes) -> tuple[Any, ...]:
     return n.vector(), n.runs, HALF_INVERSE, LAPLACE, *outputs
 
 
-def _viscosity_rows(n: Nodes) -> tuple[Any, ...]:
-    return n.vector(), n.vector(3).T.copy(), n.runs, LAPLACE, n.vector()
+def _operate(n: Nodes) -> tuple[Any, ...]:
+    """With v and the rows zero off the free nodes."""
+    s, runs = scan_on(n), n.runs
+    rows = n.vector(3).T.copy(), runs, np.searchsorted(runs[:, 0], n.slabs), LAPLACE, SCALE
+    points = s.corners, s.matrices, s.slabs, n.full_flags
+    return n.vector() * (n.full_flags > 0), *rows, *points, 0 * n.vector(), 0 * n.vector()
 
 
 def _viscosity_columns(n: Nodes) -> tuple[Any, ...]:
@@ -207,6 +225,12 @@ def _spline_restrict(n: Nodes) -> tuple[Any, ...]:
     return (n.rng.standard_normal((n.side,) * 3).astype(np.float32),)
 
 
+def _spline_correct(n: Nodes) -> tuple[Any, ...]:
+    coarse = n.rng.standard_normal((n.side // 2 + 1,) * 3).astype(np.float32)
+    r, z = (np.append(n.rng.standard_normal(n.side**3), 0).astype(np.float32) for _ in range(2))
+    return coarse, n.side, r, z
+
+
 def _spline_energies(n: Nodes) -> tuple[Any, ...]:
     s = scan_on(n)
     basis = n.rng.random(13).astype(np.float32)
@@ -218,7 +242,8 @@ def _dot(n: Nodes) -> tuple[Any, ...]:
 
 
 def _cg_advance(n: Nodes) -> tuple[Any, ...]:
-    return n.vector(), n.vector(), n.vector(), n.vector(), np.float32(0.4)
+    vectors = (n.vector() for _ in range(4))
+    return *vectors, np.float32(0.4), n.vector(), n.vector()
 
 
 def _cg_direction(n: Nodes) -> tuple[Any, ...]:
@@ -250,7 +275,7 @@ def _neighbour_table(n: Nodes) -> tuple[Any, ...]:
 
 
 def _free_runs(n: Nodes) -> tuple[Any, ...]:
-    return n.neighbours, n.full_flags
+    return n.neighbours, n.full_flags, n.slabs
 
 
 def _refine(n: Nodes) -> tuple[Any, ...]:
@@ -303,7 +328,7 @@ INPUTS: dict[str, Callable[[Nodes], tuple[Any, ...]]] = {
     maker.__name__[1:]: maker
     for maker in (
         _linearise,
-        _viscosity_rows,
+        _operate,
         _viscosity_columns,
         _viscosity_diagonal,
         _point_system,
@@ -314,6 +339,7 @@ INPUTS: dict[str, Callable[[Nodes], tuple[Any, ...]]] = {
         _squared_distance,
         _spline_prolong,
         _spline_restrict,
+        _spline_correct,
         _spline_energies,
         _dot,
         _cg_advance,

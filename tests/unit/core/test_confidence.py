@@ -37,7 +37,7 @@ def judged(mesh: Mesh, cloud: PointCloud, **options: Any) -> np.ndarray:
     """The confidence of ``mesh``, both within [-1, 1]³, on a grid of 128 voxels."""
     assert cloud.normals is not None
     placed = replace(mesh, vertices=0.45 * mesh.vertices + 0.5)
-    given = {"backend": choose_backend("numba", "cpu", 2), **options}
+    given = {"backend": choose_backend("native", "cpu", 2), **options}
     return confidence(placed, 0.45 * cloud.points + 0.5, cloud.normals, RESOLUTION, **given)
 
 

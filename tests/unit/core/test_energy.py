@@ -192,9 +192,9 @@ def test_sampling_everything_gives_the_whole_gradient(backend: Backend) -> None:
 
 
 @pytest.mark.parametrize("name", ONLY)
-def test_sampled_gradient_is_unbiased(name: str, numba_backend: Backend) -> None:
+def test_sampled_gradient_is_unbiased(name: str, native_backend: Backend) -> None:
     """The mean over seeds is the whole gradient, as far as its own scatter allows."""
-    energy = make_energy(numba_backend, ONLY[name], side=9)
+    energy = make_energy(native_backend, ONLY[name], side=9)
     values = noisy_distance(9)
     whole = 2 * energy.linearise(values).gradient
     samples = np.stack([energy.sampled_gradient(values, 0.3, seed) for seed in range(600)])
@@ -205,9 +205,9 @@ def test_sampled_gradient_is_unbiased(name: str, numba_backend: Backend) -> None
     assert np.sqrt(np.square(off[error > 0]).mean()) < 1.5
 
 
-def test_a_seed_decides_the_sample(numba_backend: Backend, reference_backend: Backend) -> None:
+def test_a_seed_decides_the_sample(native_backend: Backend, reference_backend: Backend) -> None:
     values = noisy_distance(9)
-    ours = make_energy(numba_backend, WEIGHTS, side=9)
+    ours = make_energy(native_backend, WEIGHTS, side=9)
     theirs = make_energy(reference_backend, WEIGHTS, side=9)
     first = ours.sampled_gradient(values, 0.2, seed=3)
     np.testing.assert_array_equal(first, ours.sampled_gradient(values, 0.2, seed=3))

@@ -98,10 +98,10 @@ def test_no_triangle_degenerates_where_nodes_lie_exactly_on_the_surface(backend:
 
 @pytest.mark.parametrize("case", range(256))
 def test_every_case_separates_the_voxel_s_negative_corners(
-    case: int, numba_backend: Backend
+    case: int, native_backend: Backend
 ) -> None:
     """One closed sphere around each group of negative corners that are joined by edges."""
-    grid = dense_grid(numba_backend, 4)
+    grid = dense_grid(native_backend, 4)
     negative = np.zeros((4, 4, 4), bool)
     negative[1:3, 1:3, 1:3] = (case >> np.arange(8) & 1).reshape(2, 2, 2)
     surface = extract(grid, np.where(negative, -1.0, 0.7).ravel())

@@ -33,10 +33,10 @@ def start(backend: Backend, cloud: PointCloud) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("make", [sphere, torus, two_bodies])
 def test_start_is_negative_inside_and_within_two_voxels_of_the_distance(
-    make, numba_backend: Backend
+    make, native_backend: Backend
 ) -> None:
     shape = make()
-    places, values = start(numba_backend, uniform_scan(shape, 4000))
+    places, values = start(native_backend, uniform_scan(shape, 4000))
     exact = in_cube(shape, places)
     decided = np.abs(exact) > 1 / RESOLUTION
     assert (np.sign(values) == np.sign(exact))[decided].all()
@@ -44,28 +44,28 @@ def test_start_is_negative_inside_and_within_two_voxels_of_the_distance(
     assert np.abs(values - exact).mean() * RESOLUTION < 0.5
 
 
-def test_both_backends_start_alike(numba_backend: Backend, reference_backend: Backend) -> None:
+def test_both_backends_start_alike(native_backend: Backend, reference_backend: Backend) -> None:
     cloud = uniform_scan(torus(), 3000)
-    _, ours = start(numba_backend, cloud)
+    _, ours = start(native_backend, cloud)
     _, theirs = start(reference_backend, cloud)
     np.testing.assert_allclose(ours, theirs, atol=1e-6)
 
 
-def test_a_tenth_of_wrong_normals_changes_no_sign(numba_backend: Backend) -> None:
+def test_a_tenth_of_wrong_normals_changes_no_sign(native_backend: Backend) -> None:
     cloud = flip_normals(uniform_scan(sphere(), 4000), 0.1)
-    places, values = start(numba_backend, cloud)
+    places, values = start(native_backend, cloud)
     exact = in_cube(sphere(), places)
     decided = np.abs(exact) > 1 / RESOLUTION
     assert (np.sign(values) == np.sign(exact))[decided].all()
 
 
 def test_potential_steps_up_from_inside_to_outside_across_the_points(
-    numba_backend: Backend,
+    native_backend: Backend,
 ) -> None:
     cloud = uniform_scan(sphere(), 4000)
     assert cloud.normals is not None
     points = 0.5 + 0.4 * cloud.points
-    field = potential(numba_backend, points, cloud.normals, 2 * RESOLUTION)
+    field = potential(native_backend, points, cloud.normals, 2 * RESOLUTION)
     assert abs(np.median(sample_cells(field, points))) < 1e-6 * np.ptp(field)
     steps = [sample_cells(field, points + d * cloud.normals) for d in (-0.05, 0.0, 0.05)]
     assert steps[0].max() < steps[1].min()
@@ -80,10 +80,10 @@ def test_cells_are_sampled_at_their_centres_and_linearly_between() -> None:
     assert sample_cells(field, np.full((1, 3), 2.0)) == field[-1, -1, -1].astype(np.float32)
 
 
-def test_a_field_without_another_side_stays_finite(numba_backend: Backend) -> None:
+def test_a_field_without_another_side_stays_finite(native_backend: Backend) -> None:
     """Normals that all point the same way on eight points enclose nothing."""
     points = 0.25 + 0.5 * CORNERS
     normals = np.tile(np.float32([0, 0, 1]), (8, 1))
-    values = starting_values(numba_backend, points, normals, 16)
+    values = starting_values(native_backend, points, normals, 16)
     assert np.isfinite(values).all()
     assert np.abs(values).max() <= 1

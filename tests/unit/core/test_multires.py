@@ -81,8 +81,8 @@ class Record:
 
 
 @pytest.fixture(scope="module")
-def record(numba_backend: Backend) -> Record:
-    return Record(numba_backend)
+def record(native_backend: Backend) -> Record:
+    return Record(native_backend)
 
 
 def test_without_limits_the_asked_resolution_is_reached(record: Record) -> None:
@@ -121,10 +121,10 @@ def test_progress_counts_levels_and_steps_and_never_falls(record: Record) -> Non
 
 
 def test_after_the_first_level_the_time_left_is_by_measured_speed_alone(
-    numba_backend: Backend, monkeypatch: pytest.MonkeyPatch
+    native_backend: Backend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("visco_core.multires.SECONDS_PER_NODE_STEP", 1.0)
-    told = Record(numba_backend).progress
+    told = Record(native_backend).progress
     refining = next(i for i, progress in enumerate(told) if progress.phase == "refine")
     assert all((progress.remaining_seconds or 1e9) > 1e5 for progress in told[:refining])
     assert all((progress.remaining_seconds or 0.0) < 1e3 for progress in told[refining:])
@@ -142,9 +142,9 @@ def test_phases_and_steps_make_the_report(record: Record) -> None:
     assert solved["point"] == record.best.losses["point"] == record.clock.steps[-1]["point"]
 
 
-def test_without_fitted_normals_there_is_no_normal_loss(numba_backend: Backend) -> None:
+def test_without_fitted_normals_there_is_no_normal_loss(native_backend: Backend) -> None:
     """Else the missing normals would count as zero and flatten the field at every point."""
-    best, _ = solve_levels(numba_backend, problem(fitted=False), new_clock())
+    best, _ = solve_levels(native_backend, problem(fitted=False), new_clock())
     assert best.losses["normal"] == 0
     exact = np.linalg.norm(best.grid.ijk / best.grid.resolution - 0.5, axis=1) - 0.4
     near = np.abs(exact) * best.grid.resolution < 1
@@ -215,27 +215,27 @@ def test_points_cost_time_on_every_level() -> None:
         assert many.cost(level, least=True) > few.cost(level, least=True) + 0.1
 
 
-def test_the_coarsest_level_may_end_a_little_after_the_budget(numba_backend: Backend) -> None:
+def test_the_coarsest_level_may_end_a_little_after_the_budget(native_backend: Backend) -> None:
     """A scan of millions of points may use up a short budget before anything is solved."""
     clock = Clock(time.monotonic() - 30, budget_seconds=30)
-    best, outcome = solve_levels(numba_backend, problem(), clock)
+    best, outcome = solve_levels(native_backend, problem(), clock)
     assert best.grid.resolution == 64
     assert outcome.code == "budget_exhausted"
 
 
 def test_a_budget_that_is_over_before_the_coarsest_level_says_what_would_do(
-    numba_backend: Backend,
+    native_backend: Backend,
 ) -> None:
     clock = Clock(time.monotonic() - 40, budget_seconds=30)
     with pytest.raises(ResourceError) as caught:
-        solve_levels(numba_backend, problem(), clock)
+        solve_levels(native_backend, problem(), clock)
     assert caught.value.code == "budget_too_short"
     found = re.search(r"about (\d+) s", caught.value.detail)
     assert found is not None
     assert 40 < int(found[1]) < 60
 
 
-def test_a_budget_that_ends_during_a_level_gives_that_level(numba_backend: Backend) -> None:
+def test_a_budget_that_ends_during_a_level_gives_that_level(native_backend: Backend) -> None:
     shown: list[SolvedLevel] = []
 
     def use_up(progress: Progress) -> None:
@@ -243,14 +243,14 @@ def test_a_budget_that_ends_during_a_level_gives_that_level(numba_backend: Backe
             clock.started_at -= 1000
 
     clock = new_clock(budget_seconds=1000.0, on_progress=use_up)
-    best, outcome = solve_levels(numba_backend, problem(), clock, shown.append)
+    best, outcome = solve_levels(native_backend, problem(), clock, shown.append)
     assert outcome.code == "budget_exhausted"
     assert outcome.resolution == best.grid.resolution == 64
     assert "64 of 128" in outcome.message
     assert shown == []
 
 
-def test_a_level_whose_time_is_up_takes_one_short_step(numba_backend: Backend) -> None:
+def test_a_level_whose_time_is_up_takes_one_short_step(native_backend: Backend) -> None:
     """The prediction allows the coarsest level, and then takes longer than it said."""
 
     def use_up(progress: Progress) -> None:
@@ -259,7 +259,7 @@ def test_a_level_whose_time_is_up_takes_one_short_step(numba_backend: Backend) -
 
     clock = new_clock(budget_seconds=1000.0, on_progress=use_up)
     chosen = settings(schedule=replace(QUICK, inner_steps=(200,)))
-    best, outcome = solve_levels(numba_backend, problem(chosen), clock)
+    best, outcome = solve_levels(native_backend, problem(chosen), clock)
     assert outcome.code == "budget_exhausted"
     solved = clock.phases[-1]
     assert solved["steps"] <= len(CONTINUATION)
@@ -267,18 +267,18 @@ def test_a_level_whose_time_is_up_takes_one_short_step(numba_backend: Backend) -
     assert best.losses["point"] > 0
 
 
-def test_a_memory_limit_below_the_coarsest_level_is_refused(numba_backend: Backend) -> None:
+def test_a_memory_limit_below_the_coarsest_level_is_refused(native_backend: Backend) -> None:
     chosen = settings(budget=Budget(memory_bytes=2**26))
     with pytest.raises(ResourceError) as caught:
-        solve_levels(numba_backend, problem(chosen), new_clock())
+        solve_levels(native_backend, problem(chosen), new_clock())
     assert caught.value.code == "memory_too_small"
     assert re.search(r"about \d+ MiB", caught.value.detail)
 
 
-def test_a_memory_limit_above_the_coarsest_level_gives_what_fits(numba_backend: Backend) -> None:
+def test_a_memory_limit_above_the_coarsest_level_gives_what_fits(native_backend: Backend) -> None:
     enough = int(plan_of(settings(1024)).memory_bytes(0)) + 2**20
     chosen = settings(1024, budget=Budget(memory_bytes=enough))
-    best, outcome = solve_levels(numba_backend, problem(chosen), new_clock())
+    best, outcome = solve_levels(native_backend, problem(chosen), new_clock())
     assert outcome.code == "memory_limited"
     assert 64 <= outcome.resolution == best.grid.resolution < 1024
     assert f"{outcome.resolution} of 1024" in outcome.message
@@ -297,17 +297,17 @@ def stop_at(call: int) -> tuple[Callable[[], bool], list[int]]:
 
 
 @pytest.mark.parametrize("call", [1, 2, 3, 10, 60])
-def test_a_stop_request_ends_the_run_at_once(call: int, numba_backend: Backend) -> None:
+def test_a_stop_request_ends_the_run_at_once(call: int, native_backend: Backend) -> None:
     should_stop, calls = stop_at(call)
     with pytest.raises(Stopped):
-        solve_levels(numba_backend, problem(), new_clock(should_stop=should_stop))
+        solve_levels(native_backend, problem(), new_clock(should_stop=should_stop))
     assert len(calls) == call
 
 
-def test_stop_is_asked_for_in_every_iteration(numba_backend: Backend) -> None:
+def test_stop_is_asked_for_in_every_iteration(native_backend: Backend) -> None:
     should_stop, calls = stop_at(10**9)
     clock = new_clock(should_stop=should_stop)
-    solve_levels(numba_backend, problem(), clock)
+    solve_levels(native_backend, problem(), clock)
     iterations = sum(entry.get("iterations", 0) for entry in clock.phases)
     assert iterations > 20
     assert len(calls) > iterations

@@ -101,7 +101,7 @@ def test_shadow_fades_with_height() -> None:
         roof = gallery.box((0.5, 0.5, 0.05)).mesh(32)
         mesh = stacked(pole, roof, height)
         camera = frame_points(gallery.sphere().bounds, SIZE, "z", 0.0, 30.0)
-        return float(ground_shadow(mesh.vertices, mesh.faces, camera, SIZE, "z", 1).sum())
+        return float(ground_shadow(mesh.vertices, mesh.faces, camera, SIZE, "z").sum())
 
     assert shade(0.6) < 0.7 * shade(0.1)
 

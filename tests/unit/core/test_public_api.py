@@ -94,7 +94,7 @@ def test_a_run_on_the_cpu_does_not_load_torch() -> None:
         "import sys\n"
         "from visco_core.kernels import choose_backend\n"
         "import visco_core.reconstruction\n"
-        "choose_backend('numba', 'cpu')\n"
+        "choose_backend('native', 'cpu')\n"
         "print('torch' in sys.modules)"
     )
     assert in_a_fresh_process(code) == "False"

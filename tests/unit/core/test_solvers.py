@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
+from conftest import THREADS
+from scipy.spatial import KDTree
 
 from visco_core.energy import Energy
 from visco_core.errors import Stopped
@@ -17,12 +18,12 @@ from visco_core.gallery import sphere, torus, uniform_scan
 from visco_core.grid.samples import locate
 from visco_core.grid.topology import dense_grid, refine
 from visco_core.initial import starting_values
-from visco_core.kernels import Array, Backend
+from visco_core.kernels import Array, Backend, native
 from visco_core.presets import FAST_WEIGHTS, PAPER_WEIGHTS, Weights
 from visco_core.solvers.adam import ITERATIONS_PER_STEP, TINY, Adam
 from visco_core.solvers.gauss_newton import LEAST_INNER_STEPS, GaussNewton, GaussNewtonState
 from visco_core.solvers.loop import minimise
-from visco_core.solvers.preconditioner import jacobi
+from visco_core.solvers.preconditioner import Multilevel
 
 
 @dataclass
@@ -80,8 +81,12 @@ def run(solver: Any, energy: Energy, values: Array, pace: Pace | None = None) ->
 
 
 def on_band(backend: Backend, weights: Weights) -> tuple[Energy, Array]:
-    """The same problem on a narrow band around a coarser solution."""
-    energy, values = problem(backend, weights, 17)
+    """The same problem on a narrow band around a coarser solution.
+
+    That one is found without coarea: on the symmetric start, rounding would decide which way it
+    pulls.
+    """
+    energy, values = problem(backend, replace(weights, coarea=0.0), 17)
     coarse = run(GaussNewton(2, 10), energy, values).state.values
     grid, fine = refine(energy.grid, coarse, 4.0)
     return Energy(grid, locate(grid, *scan_in_cube()), weights), fine
@@ -97,8 +102,8 @@ def test_gauss_newton_never_raises_the_energy(coarea: float, backend: Backend) -
     assert found.state.at.total == totals[-1]
 
 
-def test_gauss_newton_goes_downhill_even_from_noise(numba_backend: Backend) -> None:
-    energy, values = problem(numba_backend, FAST_WEIGHTS, 17)
+def test_gauss_newton_goes_downhill_even_from_noise(native_backend: Backend) -> None:
+    energy, values = problem(native_backend, FAST_WEIGHTS, 17)
     noise = np.random.default_rng(0).standard_normal(values.shape).astype(np.float32)
     noise[-1] = 0
     totals = [energy.linearise(noise).total, *run(GaussNewton(10, 20), energy, noise).totals]
@@ -125,8 +130,8 @@ def test_gauss_newton_keeps_what_is_fixed(backend: Backend) -> None:
     assert (after != before).sum() > 0.9 * (~fixed).sum()
 
 
-def test_gauss_newton_is_done_when_nothing_is_left_to_gain(numba_backend: Backend) -> None:
-    energy, values = problem(numba_backend, FAST_WEIGHTS, 17)
+def test_gauss_newton_is_done_when_nothing_is_left_to_gain(native_backend: Backend) -> None:
+    energy, values = problem(native_backend, FAST_WEIGHTS, 17)
     found = run(GaussNewton(60, 60), energy, values)
     assert found.state.converged
     assert found.state.steps < 60
@@ -145,25 +150,30 @@ def iterations_until(energy: Energy, state: GaussNewtonState, goal: float) -> in
 
 
 def test_the_multilevel_preconditioner_needs_a_third_of_the_iterations_across_a_hole(
-    numba_backend: Backend,
+    native_backend: Backend,
 ) -> None:
     weights = replace(FAST_WEIGHTS, viscosity_epsilon=4 * FAST_WEIGHTS.viscosity_epsilon)
-    energy, values = problem(numba_backend, weights, hole=True)
+    energy, values = problem(native_backend, weights, hole=True)
     multilevel = GaussNewton(1, 1).init(energy, values)
     goal = 1.003 * run(GaussNewton(8, 60), energy, values).totals[-1]
     ours = iterations_until(energy, multilevel, goal)
-    theirs = iterations_until(energy, replace(multilevel, precondition=jacobi), goal)
+    theirs = iterations_until(energy, replace(multilevel, coarser=None), goal)
     assert ours < theirs / 3
 
 
-def test_the_multilevel_preconditioner_is_symmetric_and_positive(backend: Backend) -> None:
-    energy, values = problem(backend, FAST_WEIGHTS, 17)
-    state = GaussNewton(1, 1).init(energy, values)
-    apply = state.precondition(energy.diagonal(state.at))
+def test_the_multilevel_correction_is_symmetric_and_positive(backend: Backend) -> None:
+    energy, _ = problem(backend, FAST_WEIGHTS, 17)
+    coarser = Multilevel(energy)
     rng = np.random.default_rng(0)
     free = backend.numpy(energy.grid.flags) > 0
     u, v = (rng.standard_normal(len(free)).astype(np.float32) * free for _ in range(2))
-    on_u, on_v = (backend.numpy(apply(backend.array(w.copy()))) for w in (u, v))
+    corrections = []
+    for residual in (u, v):
+        z = backend.zeros(*residual.shape)
+        product = coarser.correct(backend.array(residual.copy()), z)
+        corrections.append(backend.numpy(z))
+        assert product == pytest.approx(float(residual @ corrections[-1]), rel=1e-4)
+    on_u, on_v = corrections
     assert not on_u[~free].any()
     assert float(u @ on_v) == pytest.approx(float(v @ on_u), rel=1e-3)
     assert u @ on_u > 0
@@ -181,23 +191,23 @@ def test_gauss_newton_steps_that_are_late_end_early_and_still_go_downhill(
 
 @pytest.mark.parametrize("solver", [GaussNewton(3, 10, 0.0, 0.0), Adam(30, 0.1, 1e-3, 0)])
 def test_solvers_ask_whether_to_stop_in_every_iteration(
-    solver: Any, numba_backend: Backend
+    solver: Any, native_backend: Backend
 ) -> None:
-    energy, values = problem(numba_backend, FAST_WEIGHTS, 17)
+    energy, values = problem(native_backend, FAST_WEIGHTS, 17)
     pace = Pace()
     found = run(solver, energy, values, pace)
     assert found.state.work == solver.work == 30
     assert pace.checks >= 30
 
 
-def test_a_solver_that_is_stopped_leaves_at_once(numba_backend: Backend) -> None:
+def test_a_solver_that_is_stopped_leaves_at_once(native_backend: Backend) -> None:
     class Stopping(Pace):
         def check(self) -> None:
             super().check()
             if self.checks == 7:
                 raise Stopped
 
-    energy, values = problem(numba_backend, FAST_WEIGHTS, 17)
+    energy, values = problem(native_backend, FAST_WEIGHTS, 17)
     for solver in (GaussNewton(3, 10), Adam(30, 0.1, 1e-3, 0)):
         pace = Stopping()
         with pytest.raises(Stopped):
@@ -205,8 +215,8 @@ def test_a_solver_that_is_stopped_leaves_at_once(numba_backend: Backend) -> None
         assert pace.checks == 7
 
 
-def test_adam_reduces_the_energy(numba_backend: Backend) -> None:
-    energy, values = problem(numba_backend, PAPER_WEIGHTS, 17)
+def test_adam_reduces_the_energy(native_backend: Backend) -> None:
+    energy, values = problem(native_backend, PAPER_WEIGHTS, 17)
     found = run(Adam(250, 0.1, 1e-3, seed=0), energy, values)
     assert found.state.steps == len(found.losses) == 3
     assert found.state.work == 250
@@ -223,8 +233,8 @@ def test_adam_s_first_step_is_the_learning_rate_against_the_gradient(backend: Ba
     assert np.abs(moved).max() > 0.99e-3
 
 
-def test_adam_ends_a_step_early_when_it_is_late(numba_backend: Backend) -> None:
-    energy, values = problem(numba_backend, PAPER_WEIGHTS, 17)
+def test_adam_ends_a_step_early_when_it_is_late(native_backend: Backend) -> None:
+    energy, values = problem(native_backend, PAPER_WEIGHTS, 17)
     found = run(Adam(5 * ITERATIONS_PER_STEP, 0.1, 1e-3, 0), energy, values, Pace(patience=4))
     assert found.state.work == 5
     assert found.state.steps == 1
@@ -232,9 +242,8 @@ def test_adam_ends_a_step_early_when_it_is_late(numba_backend: Backend) -> None:
 
 @pytest.fixture
 def set_threads() -> Iterator[Callable[[int], None]]:
-    before = numba.get_num_threads()
-    yield numba.set_num_threads
-    numba.set_num_threads(before)
+    yield native.set_threads
+    native.set_threads(THREADS["native"])
 
 
 @pytest.mark.parametrize(
@@ -248,21 +257,21 @@ def set_threads() -> Iterator[Callable[[int], None]]:
 def test_one_and_two_threads_and_a_second_run_agree_bit_for_bit(
     solver: Any,
     weights: Weights,
-    numba_backend: Backend,
+    native_backend: Backend,
     set_threads: Callable[[int], None],
 ) -> None:
     found = []
     for threads in (1, 2, 2):
-        set_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
-        energy, values = problem(numba_backend, weights)
+        set_threads(threads)
+        energy, values = problem(native_backend, weights)
         found.append(run(solver, energy, values))
     for other in found[1:]:
         np.testing.assert_array_equal(other.state.values, found[0].state.values)
         assert other.losses == found[0].losses
 
 
-def test_adam_with_another_seed_ends_elsewhere(numba_backend: Backend) -> None:
-    energy, values = problem(numba_backend, PAPER_WEIGHTS, 17)
+def test_adam_with_another_seed_ends_elsewhere(native_backend: Backend) -> None:
+    energy, values = problem(native_backend, PAPER_WEIGHTS, 17)
     first, second = (run(Adam(20, 0.1, 1e-3, seed), energy, values) for seed in (0, 1))
     assert (first.state.values != second.state.values).any()
 
@@ -279,29 +288,29 @@ def test_both_backends_end_on_the_same_surface(
     make: Callable[[Backend, Weights], tuple[Energy, Array]],
     solver: Any,
     weights: Weights,
-    numba_backend: Backend,
+    native_backend: Backend,
     reference_backend: Backend,
 ) -> None:
     surfaces, energies = [], []
-    for backend in (numba_backend, reference_backend):
+    for backend in (native_backend, reference_backend):
         energy, values = make(backend, weights)
         found = run(solver, energy, values)
         energies.append(found.totals[-1])
         surfaces.append(extract_isosurface(energy.grid, found.state.values))
-    ours, theirs = surfaces
-    np.testing.assert_array_equal(ours.faces, theirs.faces)
-    apart = np.linalg.norm(ours.vertices - theirs.vertices, axis=1)
-    assert apart.max() * energy.grid.resolution < 0.05
+    # Where a node's value is all but zero, rounding decides on which of its edges the vertices lie.
+    for one, other in (surfaces, surfaces[::-1]):
+        apart, _ = KDTree(one.vertices).query(other.vertices)
+        assert apart.max() * energy.grid.resolution < 0.05
     assert energies[0] == pytest.approx(energies[1], rel=1e-4)
 
 
-def test_gauss_newton_puts_an_exact_scan_s_surface_on_its_points(numba_backend: Backend) -> None:
+def test_gauss_newton_puts_an_exact_scan_s_surface_on_its_points(native_backend: Backend) -> None:
     cloud = uniform_scan(sphere(), 4000)
     assert cloud.normals is not None
     points = 0.5 + 0.4 * cloud.points
-    grid = dense_grid(numba_backend, 33)
+    grid = dense_grid(native_backend, 33)
     energy = Energy(grid, locate(grid, points, cloud.normals), FAST_WEIGHTS)
-    values = starting_values(numba_backend, points, cloud.normals, 32)
+    values = starting_values(native_backend, points, cloud.normals, 32)
     surface = extract_isosurface(grid, run(GaussNewton(5, 30), energy, values).state.values)
     radius = np.linalg.norm(surface.vertices - 0.5, axis=1)
     assert np.abs(radius - 0.4).max() * grid.resolution < 0.1

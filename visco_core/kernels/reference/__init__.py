@@ -9,10 +9,10 @@ the value is unknown.
     columns (side² + 1,) int64      where each (i, j) column of nodes starts
     neighbours (N, 6) int32         −x, +x, −y, +y, −z, +z; N where there is none
     flags (N + 1,) uint8            bits ROW and FREE
-    slopes (N + 1, 3) float32       s·n̂ / 2h of the linearised viscosity row
-    flux (N + 1, 4) float32         slopes times the row's value, and the row's value
+    slopes (3, N + 1) float32       s·n̂ / 2h of the linearised viscosity row
     corners (M, 8) int32            nodes of the voxels that hold points
-    matrices (M, 8, 8) float32      normal matrix of a voxel's points
+    matrices (M, 5, 8) float32      normal matrix A of a voxel's points, which is symmetric, by its
+                                    cyclic diagonals: entry (k, r) is A[r, (r + k) mod 8]
     slabs (side + 1,) int64         where each i-slab of voxels starts in ``corners``
 """
 
@@ -26,6 +26,7 @@ from visco_core.kernels.reference.points import (
     scatter,
 )
 from visco_core.kernels.reference.splines import (
+    spline_correct,
     spline_energies,
     spline_prolong,
     spline_restrict,
@@ -56,9 +57,9 @@ from visco_core.kernels.reference.vectors import (
 )
 from visco_core.kernels.reference.viscosity import (
     linearise,
+    operate,
     viscosity_columns,
     viscosity_diagonal,
-    viscosity_rows,
 )
 
 __all__ = [
@@ -71,6 +72,7 @@ __all__ = [
     "free_runs",
     "linearise",
     "neighbour_table",
+    "operate",
     "point_matvec",
     "point_sums",
     "point_system",
@@ -78,6 +80,7 @@ __all__ = [
     "sample",
     "scatter",
     "splat",
+    "spline_correct",
     "spline_energies",
     "spline_prolong",
     "spline_restrict",
@@ -88,6 +91,5 @@ __all__ = [
     "surface_vertices",
     "viscosity_columns",
     "viscosity_diagonal",
-    "viscosity_rows",
     "voxel_corners",
 ]

@@ -8,6 +8,22 @@ from torch import Tensor
 ROW, FREE = 1, 2
 
 
+CORNER = torch.arange(8)
+
+
+def cyclic_diagonals(matrices: Tensor) -> Tensor:
+    """The diagonals (M, 5, 8) of symmetric matrices (M, 8, 8), as the package's docstring says."""
+    around = (CORNER + CORNER[:5, None]) % 8
+    return matrices[:, CORNER, around]
+
+
+def whole_matrices(diagonals: Tensor) -> Tensor:
+    """The symmetric matrices (M, 8, 8) of their cyclic diagonals (M, 5, 8)."""
+    ahead = (CORNER - CORNER[:, None]) % 8
+    row = torch.where(ahead < 5, CORNER[:, None], CORNER)
+    return diagonals[:, torch.where(ahead < 5, ahead, 8 - ahead), row]
+
+
 def trilinear(local: Tensor) -> tuple[Tensor, Tensor]:
     """Weights (P, 8) and their gradients (P, 8, 3), in voxels, at ``local`` (P, 3) in [0, 1]."""
     corner = torch.arange(8, device=local.device)

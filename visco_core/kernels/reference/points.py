@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from visco_core.kernels.reference.common import FREE, trilinear
+from visco_core.kernels.reference.common import FREE, cyclic_diagonals, trilinear, whole_matrices
 
 
 def _voxel_of_point(starts: Tensor) -> Tensor:
@@ -21,10 +21,10 @@ def point_system(
     point_weight: float,
     normal_weight: float,
 ) -> tuple[Tensor, Tensor]:
-    """Normal matrices (M, 8, 8) and right-hand sides (M, 8) of the point and normal losses.
+    """Normal matrices (M, 5, 8) and right-hand sides (M, 8) of the point and normal losses.
 
     local (P, 3): position in the voxel, sorted by voxel; normals (P, 3); starts (M + 1,).
-    M = point_weight Σ w wᵀ + normal_weight Σ G Gᵀ, b = normal_weight Σ G n.
+    A = point_weight Σ w wᵀ + normal_weight Σ G Gᵀ, b = normal_weight Σ G n.
     """
     weights, gradients = trilinear(local)
     gradients = gradients * resolution
@@ -34,7 +34,7 @@ def point_system(
     voxel = _voxel_of_point(starts)
     voxels = len(starts) - 1
     return (
-        matrix.new_zeros(voxels, 8, 8).index_add_(0, voxel, matrix),
+        cyclic_diagonals(matrix.new_zeros(voxels, 8, 8).index_add_(0, voxel, matrix)),
         vector.new_zeros(voxels, 8).index_add_(0, voxel, vector),
     )
 
@@ -54,8 +54,9 @@ def point_sums(
 def point_matvec(
     v: Tensor, corners: Tensor, matrices: Tensor, slabs: Tensor, flags: Tensor, out: Tensor
 ) -> None:
-    """out += Σ over voxels of M v at the corners that are free."""
-    scatter((matrices @ v[corners.long()][..., None])[..., 0], corners, slabs, flags, out)
+    """out += Σ over voxels of A v at the corners that are free."""
+    at_corners = v[corners.long()][..., None]
+    scatter((whole_matrices(matrices) @ at_corners)[..., 0], corners, slabs, flags, out)
 
 
 def scatter(per_corner: Tensor, corners: Tensor, slabs: Tensor, flags: Tensor, out: Tensor) -> None:

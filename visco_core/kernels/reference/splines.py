@@ -5,6 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from visco_core.kernels.reference.common import whole_matrices
+
 
 def spline_prolong(coarse: Tensor, side: int) -> Tensor:
     """Values (side,)³ of the cubic B-splines with coefficients ``coarse`` (side // 2 + 1,)³.
@@ -33,6 +35,16 @@ def spline_restrict(fine: Tensor) -> Tensor:
     return fine.contiguous()
 
 
+def spline_correct(coarse: Tensor, side: int, r: Tensor, z: Tensor) -> float:
+    """z += the splines' values at the inner nodes of the dense grid; returns Σ r z.
+
+    r, z (side³ + 1,): vectors over the nodes.
+    """
+    inner = (slice(1, side - 1),) * 3
+    z[:-1].view(side, side, side)[inner] += spline_prolong(coarse, side)[inner]
+    return float(r.double() @ z.double())
+
+
 def spline_energies(
     corners: Tensor,
     matrices: Tensor,
@@ -42,11 +54,12 @@ def spline_energies(
     spacing: int,
     side: int,
 ) -> Tensor:
-    """Σ over voxels of φᵀ M φ for the spline φ of every knot: (side,)³.
+    """Σ over voxels of φᵀ A φ for the spline φ of every knot: (side,)³.
 
     basis (2·reach + 1,): the spline at the nodes around its knot; knots lie ``spacing`` apart.
     """
     reach = (len(basis) - 1) // 2
+    whole = whole_matrices(matrices)
     node = ijk[corners[:, 0].long()].long()
     first = torch.div(node - reach + spacing - 1, spacing, rounding_mode="floor")
     padded = torch.cat([basis, basis.new_zeros(1)])
@@ -58,7 +71,7 @@ def spline_energies(
         offset = node[:, None] + corner - spacing * knot[:, None] + reach
         offset = torch.where((offset < 0) | (offset > 2 * reach), 2 * reach + 1, offset)
         weights = padded[offset].prod(2)
-        energy = torch.einsum("mr,mrc,mc->m", weights, matrices, weights)
+        energy = torch.einsum("mr,mrc,mc->m", weights, whole, weights)
         inside = ((knot >= 0) & (knot < side)).all(1)
         i, j, k = knot[inside].unbind(1)
         out.index_add_(0, (i * side + j) * side + k, energy[inside])

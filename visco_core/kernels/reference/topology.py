@@ -37,9 +37,10 @@ def neighbour_table(ijk: Tensor, columns: Tensor, side: int) -> tuple[Tensor, Te
     return neighbours, flags
 
 
-def free_runs(neighbours: Tensor, flags: Tensor) -> Tensor:
+def free_runs(neighbours: Tensor, flags: Tensor, slabs: Tensor) -> tuple[Tensor, Tensor]:
     """The runs (R, 6) int64 of consecutive free nodes: start, stop, and the ways −x, +x, −y, +y.
 
+    And (side + 1,) int64: the first run of each i-slab, of which ``slabs`` are the first nodes.
     A way is what to add to a node's index for its neighbour's; it is the same all along a run,
     since nodes are sorted by (i, j, k) and a free node has all its neighbours. ∓z is ∓1.
     """
@@ -47,7 +48,8 @@ def free_runs(neighbours: Tensor, flags: Tensor) -> Tensor:
     edges = torch.diff(free, prepend=free.new_zeros(1))
     starts, stops = (edges == 1).nonzero()[:, 0], (edges == -1).nonzero()[:, 0]
     ways = neighbours[starts, :4].long() - starts[:, None]
-    return torch.cat([starts[:, None], stops[:, None], ways], 1)
+    runs = torch.cat([starts[:, None], stops[:, None], ways], 1)
+    return runs, torch.searchsorted(starts, slabs.contiguous())
 
 
 def refine(

@@ -11,10 +11,14 @@ def dot(a: Tensor, b: Tensor) -> float:
     return float(a.double() @ b.double())
 
 
-def cg_advance(x: Tensor, r: Tensor, p: Tensor, q: Tensor, alpha: float) -> None:
-    """x += αp, r −= αq."""
+def cg_advance(
+    x: Tensor, r: Tensor, p: Tensor, q: Tensor, alpha: float, inverse: Tensor, z: Tensor
+) -> float:
+    """x += αp, r −= αq, z = inverse · r; returns Σ r z."""
     x += alpha * p
     r -= alpha * q
+    torch.mul(inverse, r, out=z)
+    return dot(r, z)
 
 
 def cg_direction(p: Tensor, z: Tensor, beta: float) -> None:

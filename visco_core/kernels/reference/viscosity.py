@@ -1,4 +1,4 @@
-"""Plain kernels of the viscosity loss: its rows, their transpose and the diagonal.
+"""Plain kernels of the viscosity loss: its rows, their transpose and the diagonal; the operator.
 
 There is a row at every free node, ``runs`` lists them (``free_runs``), and what a kernel writes it
 writes there: elsewhere the caller's zeros stay.
@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from visco_core.kernels.reference.common import ROW
+from visco_core.kernels.reference.points import point_matvec
 
 
 def _around(runs: Tensor) -> tuple[Tensor, Tensor]:
@@ -45,15 +46,6 @@ def linearise(
     return float(residual.double().square().sum())
 
 
-def viscosity_rows(v: Tensor, slopes: Tensor, runs: Tensor, laplace: float, rows: Tensor) -> None:
-    """rows = J v, with J δ = s n̂·∇̂δ − ε Δ̂δ."""
-    node, around = _around(runs)
-    beside = v[around]
-    difference = beside[:, 1::2] - beside[:, 0::2]
-    along = (slopes[:, node].T * difference).sum(1)
-    rows[node] = along - laplace * (beside.sum(1) - 6 * v[node])
-
-
 def viscosity_columns(
     rows: Tensor, slopes: Tensor, runs: Tensor, laplace: float, scale: float, out: Tensor
 ) -> None:
@@ -78,3 +70,32 @@ def viscosity_diagonal(
         total += row[low] * (slopes[axis, low] - laplace) ** 2
         total += row[high] * (slopes[axis, high] + laplace) ** 2
     out[node] = scale * total
+
+
+def operate(
+    v: Tensor,
+    slopes: Tensor,
+    runs: Tensor,
+    run_slabs: Tensor,
+    laplace: float,
+    scale: float,
+    corners: Tensor,
+    matrices: Tensor,
+    slabs: Tensor,
+    flags: Tensor,
+    rows: Tensor,
+    out: Tensor,
+) -> float:
+    """out = scale · JᵀJ v + the points' matrices times v; returns v · out.
+
+    J δ = s n̂·∇̂δ − ε Δ̂δ; rows is left with J v. ``v`` is zero off the free nodes; run_slabs
+    (side + 1,) int64: the first run of each i-slab.
+    """
+    node, around = _around(runs)
+    beside = v[around]
+    difference = beside[:, 1::2] - beside[:, 0::2]
+    along = (slopes[:, node].T * difference).sum(1)
+    rows[node] = along - laplace * (beside.sum(1) - 6 * v[node])
+    viscosity_columns(rows, slopes, runs, laplace, scale, out)
+    point_matvec(v, corners, matrices, slabs, flags, out)
+    return float(v.double() @ out.double())

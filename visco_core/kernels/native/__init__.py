@@ -1,53 +1,56 @@
 """Compiled CPU kernels: the twins of ``reference``, one for one, on numpy arrays.
 
-Shapes and meanings are given there. Every sum over nodes is taken in blocks of fixed size and added
-up in order, so that results do not depend on the number of threads; sums into nodes that several
-voxels share go by i-slab, even slabs first, so that no two threads write to one node.
+Shapes and meanings are given there; these functions only make room for results and call ``src``.
+Every sum over nodes is taken in blocks of fixed size and added up in order, so that results do not
+depend on the number of threads; sums into nodes that several voxels share go by i-slab, so that no
+two threads write to one node.
 """
 
 from __future__ import annotations
 
-from visco_core.kernels.numba_cpu.coarea_loss import coarea
-from visco_core.kernels.numba_cpu.points import (
+from visco_core.kernels.native import library
+from visco_core.kernels.native.coarea_loss import coarea
+from visco_core.kernels.native.points import (
     point_matvec,
     point_sums,
     point_system,
     scatter,
 )
-from visco_core.kernels.numba_cpu.splines import (
+from visco_core.kernels.native.splines import (
+    spline_correct,
     spline_energies,
     spline_prolong,
     spline_restrict,
 )
-from visco_core.kernels.numba_cpu.start import (
+from visco_core.kernels.native.start import (
     splat,
     squared_distance,
 )
-from visco_core.kernels.numba_cpu.support import support
-from visco_core.kernels.numba_cpu.surface import (
+from visco_core.kernels.native.support import support
+from visco_core.kernels.native.surface import (
     surface_counts,
     surface_faces,
     surface_vertices,
 )
-from visco_core.kernels.numba_cpu.topology import (
+from visco_core.kernels.native.topology import (
     find_nodes,
     free_runs,
     neighbour_table,
     refine,
     voxel_corners,
 )
-from visco_core.kernels.numba_cpu.vectors import (
+from visco_core.kernels.native.vectors import (
     adam_advance,
     cg_advance,
     cg_direction,
     dot,
     sample,
 )
-from visco_core.kernels.numba_cpu.viscosity import (
+from visco_core.kernels.native.viscosity import (
     linearise,
+    operate,
     viscosity_columns,
     viscosity_diagonal,
-    viscosity_rows,
 )
 
 __all__ = [
@@ -60,6 +63,7 @@ __all__ = [
     "free_runs",
     "linearise",
     "neighbour_table",
+    "operate",
     "point_matvec",
     "point_sums",
     "point_system",
@@ -67,6 +71,7 @@ __all__ = [
     "sample",
     "scatter",
     "splat",
+    "spline_correct",
     "spline_energies",
     "spline_prolong",
     "spline_restrict",
@@ -77,6 +82,10 @@ __all__ = [
     "surface_vertices",
     "viscosity_columns",
     "viscosity_diagonal",
-    "viscosity_rows",
     "voxel_corners",
 ]
+
+
+def set_threads(count: int) -> None:
+    """How many threads the calls of this thread may use from now on."""
+    library.set_threads(count)
