@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from visco_core.box_sum import box_sum
 from visco_core.errors import InputError
 from visco_core.pointcloud import PointCloud
 from visco_core.progress import Check, never
@@ -208,15 +209,13 @@ def find_scattered(
 
 def _count_around(points: np.ndarray) -> np.ndarray:
     """(P,) how many points share each one's cell and the 26 around it, some 60 on a surface."""
-    from scipy.ndimage import uniform_filter
-
     cells = int(np.clip(np.sqrt(len(points) / 20), 4, 64))
     low = points.min(axis=0)
     width = np.ptp(points, axis=0).max() / cells
     cell = np.minimum(((points - low) / width).astype(np.int64), cells - 1)
     place = (cell[:, 0] * cells + cell[:, 1]) * cells + cell[:, 2]
-    counts = np.bincount(place, minlength=cells**3).astype(np.float64).reshape((cells,) * 3)
-    return 27 * uniform_filter(counts, 3, mode="constant").ravel()[place]
+    counts = np.bincount(place, minlength=cells**3).reshape((cells,) * 3)
+    return box_sum(counts, 3).ravel()[place]
 
 
 def _group_sizes(cells: np.ndarray) -> np.ndarray:

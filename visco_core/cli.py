@@ -10,7 +10,10 @@ import argparse
 import importlib
 import sys
 from collections.abc import Sequence
-from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 OWN_COMMANDS = {
     "reconstruct": "visco_core.commands.reconstruct",
@@ -41,10 +44,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(words: list[str]) -> int:
-    others = {found.name: found for found in entry_points(group="visco.commands")}
     name = next((word for word in words if not word.startswith("-")), None)
+    others = {} if name in OWN_COMMANDS else _others()
     parser = argparse.ArgumentParser("visco", description="Clean surfaces from scanned points.")
-    parser.add_argument("--version", action="version", version=_version())
+    parser.add_argument("--version", action=_ShowVersion, nargs=0, help="show the version")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for command in [*OWN_COMMANDS, *others]:
         summary = HELP.get(command) or (_summary(others[command]) if name is None else "")
@@ -58,6 +61,12 @@ def _run(words: list[str]) -> int:
     return args.run(args)
 
 
+def _others() -> dict[str, EntryPoint]:
+    from importlib.metadata import entry_points
+
+    return {found.name: found for found in entry_points(group="visco.commands")}
+
+
 def _module(command: str, others: dict[str, EntryPoint]):
     if command in OWN_COMMANDS:
         return importlib.import_module(OWN_COMMANDS[command])
@@ -69,10 +78,14 @@ def _summary(found: EntryPoint) -> str:
     return first[0].rstrip(".") if first else ""
 
 
-def _version() -> str:
-    from importlib.metadata import version
+class _ShowVersion(argparse.Action):
+    """Looks the version up only when it is asked for."""
 
-    return f"visco {version('visco')}"
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from importlib.metadata import version
+
+        print(f"visco {version('visco')}")
+        parser.exit()
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ import numpy as np
 from visco_core.grid.samples import Samples
 from visco_core.grid.topology import Grid
 from visco_core.kernels import Array, Backend
+from visco_core.kernels.native import label_pieces
 
 # A corner is 4·x + 2·y + z; an edge is its lower corner and its axis.
 EDGES = tuple((c, axis) for axis in range(3) for c in range(8) if not c & (4 >> axis))
@@ -148,7 +149,7 @@ def supported_pieces(surface: Isosurface, samples: Samples, backend: Backend) ->
     A piece is supported by the points in the voxels that hold one of its vertices. It stays if
     they are at least 16 and 2 in 10,000 of all, or if no piece has more.
     """
-    pieces = _piece_of_vertex(surface)
+    pieces = label_pieces(surface.faces, len(surface.vertices))
     corners = backend.numpy(samples.corners)
     counts = np.diff(backend.numpy(samples.starts))
     first = surface.first_vertex
@@ -158,19 +159,6 @@ def supported_pieces(surface: Isosurface, samples: Samples, backend: Backend) ->
     support = np.bincount(pieces[first[node]], counts[voxel], minlength=pieces.max(initial=0) + 1)
     needed = min(max(16, 2e-4 * samples.total), support.max(initial=0))
     return _keep_vertices(surface, (support >= needed)[pieces])
-
-
-def _piece_of_vertex(surface: Isosurface) -> np.ndarray:
-    """(V,) label of the connected piece of each vertex."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    count = len(surface.vertices)
-    a, b, c = surface.faces.T
-    links = coo_matrix(
-        (np.ones(2 * len(a), np.int8), (np.append(a, b), np.append(b, c))), shape=(count, count)
-    )
-    return connected_components(links, directed=False)[1]
 
 
 def _keep_vertices(surface: Isosurface, keep: np.ndarray) -> Isosurface:

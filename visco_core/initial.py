@@ -1,22 +1,25 @@
 """The field that the solver starts from: which side is inside, and how far the surface is.
 
-Signs come from an FFT Poisson solve: oriented normals are splatted into a grid of cells, and the
-potential whose Laplacian is their divergence steps up across the surface (Kazhdan, Bolitho, Hoppe,
-"Poisson Surface Reconstruction", SGP 2006). The median of the potential at the points separates
-inside from outside, and a Euclidean distance transform turns the signs into distances.
+Signs come from an FFT Poisson solve: the divergence of the oriented normals is splatted into a grid
+of cells, and the potential whose Laplacian it is steps up across the surface (Kazhdan, Bolitho,
+Hoppe, "Poisson Surface Reconstruction", SGP 2006). The median of the potential at the points
+separates inside from outside, and a Euclidean distance transform turns the signs into distances.
 """
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
-import scipy.fft
-from scipy import ndimage
 
 from visco_core.kernels import Backend
 from visco_core.progress import Check, never
 
 SMOOTHING = 1.5
 """Standard deviation of the Gaussian that smooths the splatted normals, in cells."""
+
+ENOUGH = 100_000
+"""Of more points than this, only every so many are asked where the surface's potential lies."""
 
 
 def starting_values(
@@ -47,32 +50,34 @@ def potential(
     backend: Backend, points: np.ndarray, normals: np.ndarray, cells: int, check: Check = never
 ) -> np.ndarray:
     """The Poisson potential (cells, cells, cells) float32 at cell centres, zero at the surface."""
-    spread = backend.numpy(
-        backend.kernels.splat(
-            backend.array(points.astype(np.float32)), backend.array(normals), cells
-        )
-    )[:3]
+    kernels, places = backend.kernels, backend.array(points.astype(np.float32))
+    sources = backend.numpy(kernels.splat_divergence(places, backend.array(normals), cells))
     check()
     full = 2 * np.pi * np.fft.fftfreq(cells).astype(np.float32)
     half = 2 * np.pi * np.fft.rfftfreq(cells).astype(np.float32)
-    frequencies = (full[:, None, None], full[:, None], half)
-    square = frequencies[0] ** 2 + frequencies[1] ** 2 + frequencies[2] ** 2
+    square = full[:, None, None] ** 2 + full[:, None] ** 2 + half**2
     square[0, 0, 0] = 1
-    spectrum = np.asarray(scipy.fft.rfftn(spread, axes=(1, 2, 3), workers=backend.threads))
+    spectrum = np.fft.rfftn(sources)
     check()
-    divergence = np.asarray(sum(k * part for k, part in zip(frequencies, spectrum, strict=True)))
-    divergence *= -1j * np.exp(-0.5 * SMOOTHING**2 * square) / square
-    divergence[0, 0, 0] = 0
-    field = np.asarray(scipy.fft.irfftn(divergence, s=(cells,) * 3, workers=backend.threads))
+    spectrum *= np.exp(-0.5 * SMOOTHING**2 * square) / -square
+    spectrum[0, 0, 0] = 0
     check()
-    return field - np.median(sample_cells(field, points))
+    field = np.fft.irfftn(spectrum, sources.shape, axes=(0, 1, 2))
+    check()
+    return field - np.median(sample_cells(field, points[:: -(-len(points) // ENOUGH)]))
 
 
 def sample_cells(field: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Trilinear values (P,) at points (P, 3) in [0, 1]³ of a field given at cell centres."""
-    return ndimage.map_coordinates(
-        field, points.T * len(field) - 0.5, order=1, mode="nearest", output=np.float32
-    )
+    last = len(field) - 1
+    scaled = np.clip(points * len(field) - 0.5, 0, last)
+    base = np.minimum(scaled.astype(np.int64), last - 1)
+    above = scaled - base
+    found = np.zeros(len(points))
+    for corner in product((0, 1), repeat=3):
+        weight = np.where(corner, above, 1 - above).prod(1)
+        found += weight * field[tuple((base + corner).T)]
+    return found.astype(np.float32)
 
 
 def _nodes_from_cells(cells: np.ndarray) -> np.ndarray:

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from scipy import ndimage
 
+from visco_core.box_sum import box_sum
 from visco_core.clock import Clock
 from visco_core.energy import Energy
 from visco_core.errors import ResourceError
@@ -303,7 +303,7 @@ def _freedom(grid: Grid, samples: Samples) -> Array:
     backend, side = grid.backend, grid.side
     corners, starts = backend.numpy(samples.corners), backend.numpy(samples.starts)
     counts = np.bincount(corners[:, 0], np.diff(starts), side**3).reshape(side, side, side)
-    around = ndimage.uniform_filter(counts, AROUND, mode="constant") * AROUND**3
+    around = box_sum(counts, AROUND)
     freedom = np.minimum(around / (DENSE * AROUND**2), 1).astype(np.float32)
     freedom.reshape(-1)[corners] = 0
     return backend.array(np.append(freedom, np.float32(0)))

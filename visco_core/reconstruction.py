@@ -19,7 +19,6 @@ from visco_core.grid.samples import spatial_order
 from visco_core.kernels import choose_backend
 from visco_core.multires import Problem, SolvedLevel, plan_resolutions, solve_levels
 from visco_core.noise import estimate_noise
-from visco_core.normals import estimate_normals
 from visco_core.pointcloud import PointCloud
 from visco_core.postprocess import finish_mesh, with_confidence
 from visco_core.presets import Settings, decide, weights_for_noise
@@ -70,6 +69,8 @@ def reconstruct(
     if cloud.normals is not None:
         normals = cloud.normals[order]
     else:
+        from visco_core.normals import estimate_normals
+
         with clock.phase("normals"):
             normals = estimate_normals(points, backend.threads, clock.check)
     settings = decide(config)

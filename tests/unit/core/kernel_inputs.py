@@ -250,7 +250,7 @@ def _cg_direction(n: Nodes) -> tuple[Any, ...]:
     return n.vector(), n.vector(), np.float32(0.4)
 
 
-def _splat(n: Nodes) -> tuple[Any, ...]:
+def _splat_divergence(n: Nodes) -> tuple[Any, ...]:
     points = n.rng.random((500, 3), np.float32)
     points[:8] = CORNERS
     return points, n.rng.standard_normal((500, 3)).astype(np.float32), n.side
@@ -344,7 +344,7 @@ INPUTS: dict[str, Callable[[Nodes], tuple[Any, ...]]] = {
         _dot,
         _cg_advance,
         _cg_direction,
-        _splat,
+        _splat_divergence,
         _sample,
         _adam_advance,
         _find_nodes,

@@ -129,17 +129,17 @@ def test_point_system_is_the_quadratic_form_of_the_point_sums(backend: Backend) 
     )
 
 
-def test_splat_conserves_its_vectors_and_puts_a_point_at_a_cell_centre_into_that_cell(
+def test_splatted_divergence_against_a_linear_field_is_minus_its_slope_along_the_vectors(
     backend: Backend,
 ) -> None:
     rng = np.random.default_rng(0)
-    points, vectors = rng.random((400, 3), np.float32), rng.random((400, 2), np.float32)
-    spread = call(backend, "splat", points, vectors, 11)[0]
-    totals = [*vectors.sum(0), len(points)]
-    np.testing.assert_allclose(spread.sum((1, 2, 3)), totals, rtol=1e-4)
-    center = (np.float32([[3, 0, 10]]) + 0.5) / 11
-    alone = call(backend, "splat", center, np.float32([[2, -1]]), 11)[0]
-    np.testing.assert_allclose(alone[:, 3, 0, 10], [2, -1, 1], atol=1e-5)
+    points = rng.uniform(0.1, 0.9, (400, 3)).astype(np.float32)
+    vectors = rng.standard_normal((400, 3)).astype(np.float32)
+    sources = call(backend, "splat_divergence", points, vectors, 11)[0]
+    assert abs(sources.sum()) < 1e-3
+    slope = np.array([2.0, -1.0, 0.5])
+    linear = np.argwhere(np.ones(sources.shape)) @ slope
+    assert sources.ravel() @ linear == pytest.approx(-(vectors @ slope).sum(), rel=1e-4)
 
 
 def test_squared_distance_is_that_of_the_nearest_cell_outside(backend: Backend) -> None:

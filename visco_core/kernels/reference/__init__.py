@@ -32,7 +32,7 @@ from visco_core.kernels.reference.splines import (
     spline_restrict,
 )
 from visco_core.kernels.reference.start import (
-    splat,
+    splat_divergence,
     squared_distance,
 )
 from visco_core.kernels.reference.support import support
@@ -79,7 +79,7 @@ __all__ = [
     "refine",
     "sample",
     "scatter",
-    "splat",
+    "splat_divergence",
     "spline_correct",
     "spline_energies",
     "spline_prolong",

@@ -8,21 +8,23 @@ from torch import Tensor
 from visco_core.kernels.reference.common import trilinear
 
 
-def splat(points: Tensor, vectors: Tensor, cells: int) -> Tensor:
-    """(C + 1, cells, cells, cells): vectors (P, C) and the count, spread trilinearly.
+def splat_divergence(points: Tensor, vectors: Tensor, cells: int) -> Tensor:
+    """(cells,)³: the divergence of the vectors (P, 3) at the points, as cells would see it.
 
-    points (P, 3) in [0, 1]³; cell centres lie at (i + ½) / cells; what falls outside wraps around.
+    Summed against any values of the cells it gives −Σ vector · gradient of their trilinear
+    interpolant at the point, in cells. points (P, 3) in [0, 1]³; cell centres lie at
+    (i + ½) / cells; what falls outside wraps around.
     """
     scaled = points * cells - 0.5
     base = scaled.floor()
-    weights, _ = trilinear(scaled - base)
-    spread = torch.cat([vectors, vectors.new_ones(len(vectors), 1)], 1)
-    out = spread.new_zeros(spread.shape[1], cells**3)
+    _, gradients = trilinear(scaled - base)
+    sources = -(gradients * vectors[:, None]).sum(2)
+    out = sources.new_zeros(cells**3)
     for c in range(8):
         offset = base.new_tensor([c >> 2, c >> 1 & 1, c & 1])
         i, j, k = (base + offset).long().remainder(cells).unbind(1)
-        out.index_add_(1, (i * cells + j) * cells + k, (spread * weights[:, c, None]).T)
-    return out.reshape(-1, cells, cells, cells)
+        out.index_add_(0, (i * cells + j) * cells + k, sources[:, c])
+    return out.reshape(cells, cells, cells)
 
 
 def squared_distance(region: Tensor) -> Tensor:

@@ -9,7 +9,7 @@
 #pragma GCC visibility push(default)
 extern "C" {
 
-void visco_set_threads(int64_t threads);
+int64_t visco_set_threads(int64_t threads);
 
 double visco_linearise(const float *values, const int64_t *runs, int64_t run_count, float half_inverse,
                        float laplace, float *slopes, int64_t stride, float *rows);
@@ -51,8 +51,8 @@ void visco_spline_energies(const int32_t *corners, const float *matrices, const 
                            int64_t slab_count, const int16_t *ijk, const float *basis, int64_t reach,
                            int64_t spacing, int64_t side, float *out);
 
-void visco_splat(const float *points, const float *vectors, int64_t count, int64_t width, int64_t cells,
-                 float *out);
+void visco_splat_divergence(const float *points, const float *vectors, int64_t count, int64_t cells,
+                            float *out);
 void visco_squared_distance(const uint8_t *region, int64_t n, float *out);
 
 void visco_support(const float *places, const float *directions, int64_t count, const int64_t *sides,
@@ -80,6 +80,15 @@ void visco_surface_faces(const float *values, const int32_t *neighbours, int64_t
                          const int64_t *first_vertex, const int64_t *first_triangle,
                          const uint8_t *edges_of_case, int64_t most_triangles, const uint8_t *edge_owner,
                          const uint8_t *edge_axis, int32_t *faces);
+
+void visco_tree_build(const double *points, int64_t n, int64_t depth, int64_t *order, double *sorted,
+                      double *splits, uint8_t *axes);
+void visco_tree_nearest(const double *sorted, const int64_t *order, int64_t n, int64_t depth,
+                        const double *splits, const uint8_t *axes, const double *places,
+                        int64_t place_count, int64_t count, double within, double *distances,
+                        int64_t *indices);
+
+int64_t visco_label_pieces(const int32_t *faces, int64_t face_count, int64_t vertex_count, int32_t *labels);
 
 void visco_draw_triangles(const float *screen, const int32_t *faces, int64_t face_count, float *depth,
                           int32_t *owner, int64_t width, int64_t height);

@@ -113,7 +113,9 @@ void run_tasks(int64_t tasks, Body body, const void *context) {
 
 }  // namespace visco
 
-void visco_set_threads(int64_t threads) {
+int64_t visco_set_threads(int64_t threads) {
+    int64_t before = visco::threads_of_caller;
     threads = threads < 1 ? 1 : threads;
     visco::threads_of_caller = threads < visco::MOST_THREADS ? threads : visco::MOST_THREADS;
+    return before;
 }

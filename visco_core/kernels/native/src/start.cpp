@@ -56,27 +56,26 @@ void distance_along(float *values, int64_t before, int64_t n, int64_t after) {
 
 }  // namespace
 
-void visco_splat(const float *points, const float *vectors, int64_t count, int64_t width, int64_t cells,
-                 float *out) {
-    int64_t channel = cells * cells * cells;
+void visco_splat_divergence(const float *points, const float *vectors, int64_t count, int64_t cells,
+                            float *out) {
     // Points in any order write to the same cells: one thread, in the order of the points.
     for (int64_t p = 0; p < count; p++) {
-        float at[3], base[3];
+        const float *vector = vectors + 3 * p;
+        float local[3];
+        int64_t cell[3][2];
         for (int a = 0; a < 3; a++) {
-            at[a] = points[3 * p + a] * float(cells) - 0.5f;
-            base[a] = std::floor(at[a]);
+            float at = points[3 * p + a] * float(cells) - 0.5f, base = std::floor(at);
+            local[a] = at - base;
+            for (int upper = 0; upper < 2; upper++) {
+                int64_t wrapped = (int64_t(base) + upper) % cells;
+                cell[a][upper] = wrapped < 0 ? wrapped + cells : wrapped;
+            }
         }
         float w[8], g[8][3];
-        trilinear(at[0] - base[0], at[1] - base[1], at[2] - base[2], w, g);
+        trilinear(local[0], local[1], local[2], w, g);
         for (int c = 0; c < 8; c++) {
-            const int corner[] = {c >> 2, c >> 1 & 1, c & 1};
-            int64_t place = 0;
-            for (int a = 0; a < 3; a++) {
-                int64_t cell = (int64_t(base[a]) + corner[a]) % cells;
-                place = place * cells + (cell < 0 ? cell + cells : cell);
-            }
-            for (int64_t v = 0; v < width; v++) out[v * channel + place] += w[c] * vectors[p * width + v];
-            out[width * channel + place] += w[c];
+            int64_t place = (cell[0][c >> 2] * cells + cell[1][c >> 1 & 1]) * cells + cell[2][c & 1];
+            out[place] -= vector[0] * g[c][0] + vector[1] * g[c][1] + vector[2] * g[c][2];
         }
     }
 }

@@ -84,3 +84,22 @@ void visco_surface_faces(const float *values, const int32_t *neighbours, int64_t
         }
     });
 }
+
+// Joins the vertices that share a face (union by the smaller root, paths halved), then numbers the
+// pieces by their first vertices; returns how many there are.
+int64_t visco_label_pieces(const int32_t *faces, int64_t face_count, int64_t vertex_count, int32_t *labels) {
+    for (int32_t v = 0; v < vertex_count; v++) labels[v] = v;
+    auto root = [=](int32_t v) {
+        while (labels[v] != v) v = labels[v] = labels[labels[v]];
+        return v;
+    };
+    for (int64_t f = 0; f < face_count; f++)
+        for (int corner = 1; corner < 3; corner++) {
+            int32_t a = root(faces[3 * f]), b = root(faces[3 * f + corner]);
+            labels[std::max(a, b)] = std::min(a, b);
+        }
+    // A root comes before all that it is the root of, and has its number when they ask.
+    int32_t pieces = 0;
+    for (int32_t v = 0; v < vertex_count; v++) labels[v] = labels[v] == v ? pieces++ : labels[labels[v]];
+    return pieces;
+}
