@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from visco_core.clean import first_of_equals
+from visco_core.equal_rows import first_of_equals
 from visco_core.io.source import unreadable
 from visco_core.pointcloud import PointCloud
 
