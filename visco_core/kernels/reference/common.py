@@ -8,19 +8,17 @@ from torch import Tensor
 ROW, FREE = 1, 2
 
 
-CORNER = torch.arange(8)
-
-
 def cyclic_diagonals(matrices: Tensor) -> Tensor:
     """The diagonals (M, 5, 8) of symmetric matrices (M, 8, 8), as the package's docstring says."""
-    around = (CORNER + CORNER[:5, None]) % 8
-    return matrices[:, CORNER, around]
+    corner = torch.arange(8, device=matrices.device)
+    return matrices[:, corner, (corner + corner[:5, None]) % 8]
 
 
 def whole_matrices(diagonals: Tensor) -> Tensor:
     """The symmetric matrices (M, 8, 8) of their cyclic diagonals (M, 5, 8)."""
-    ahead = (CORNER - CORNER[:, None]) % 8
-    row = torch.where(ahead < 5, CORNER[:, None], CORNER)
+    corner = torch.arange(8, device=diagonals.device)
+    ahead = (corner - corner[:, None]) % 8
+    row = torch.where(ahead < 5, corner[:, None], corner)
     return diagonals[:, torch.where(ahead < 5, ahead, 8 - ahead), row]
 
 
