@@ -8,13 +8,15 @@ from visco_core.neighbours import Neighbours
 from visco_core.orientation import outward_signs
 from visco_core.progress import Check, never
 
-NEIGHBOURS = 16
+SIZES = ((16, 1.0), (8, 0.5))
+"""Neighbours that show a plane, and how much flatter than the first so many must look to be taken:
+fewer are, between close walls and beside edges."""
 
 THINNING = (1, 3, 9, 27, 81)
 """Neighbours are looked for among every point, or one in so many where the noise is coarser."""
 
 FLAT = 0.57
-"""Thickness over width of a typical neighbourhood that still shows its plane."""
+"""Thickness over width of a typical neighbourhood of 16 that still shows its plane."""
 
 FEWEST = 500
 """No thinning leaves fewer points than this."""
@@ -48,39 +50,77 @@ def estimate_normals(points: np.ndarray, threads: int = -1, check: Check = never
 
 
 def _thinned(points: np.ndarray, threads: int, check: Check) -> list[tuple[np.ndarray, Neighbours]]:
-    """Indices of ever fewer points, and a tree of each, until neighbourhoods are flat.
+    """Indices of ever fewer points, and a tree of each, up to those that show planes best.
 
     Where the noise is coarser than the distance between points, a plane through the nearest ones
-    has any direction.
+    has any direction. Between walls as close as the points fewer points may show it worse, so those
+    are taken that leave the tenth that shows it worst best.
     """
     shuffled = np.random.default_rng(0).permutation(len(points))
     probes = points[shuffled[:PROBES]]
-    found = []
+    found, worst = [], []
     for thinning in THINNING:
         chosen = np.sort(shuffled[: max(len(points) // thinning, 1)])
-        found.append((chosen, Neighbours(points[chosen], threads, check)))
-        deviation = _planes(points, probes, *found[-1])[1]
-        flatness = np.median(deviation[:, 0] / np.maximum(deviation[:, 1], 1e-300))
-        if flatness < FLAT or len(points) < FEWEST * 3 * thinning:
+        among = chosen, Neighbours(points[chosen], threads, check)
+        found.append(among)
+        worst.append(np.quantile(_flatness(_planes(points, probes, *among)[1]), 0.9))
+        plain = _flatness(_planes(points, probes, *among, sizes=SIZES[:1])[1])
+        if np.median(plain) < FLAT or len(points) < FEWEST * 3 * thinning:
             break
-    return found
+    return found[: int(np.argmin(worst)) + 1]
+
+
+def _flatness(deviations: np.ndarray) -> np.ndarray:
+    """Thickness over width (Q,) of neighbourhoods with ``deviations`` (Q, 3), ascending."""
+    return deviations[:, 0] / np.maximum(deviations[:, 1], 1e-300)
 
 
 def _planes(
-    points: np.ndarray, places: np.ndarray, chosen: np.ndarray, neighbours: Neighbours
+    points: np.ndarray,
+    places: np.ndarray,
+    chosen: np.ndarray,
+    neighbours: Neighbours,
+    sizes: tuple[tuple[int, float], ...] = SIZES,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Unit normals (Q, 3), of either sign, of the planes at ``places`` (Q, 3), and deviations.
 
     The deviations (Q, 3) are those of the neighbours along their principal axes, ascending.
     """
-    nearest = neighbours.nearest(places, min(NEIGHBOURS, len(chosen)))[1]
-    around = points[chosen[nearest.T]]
+    most = min(max(count for count, _ in sizes), len(chosen))
+    away = points[chosen[neighbours.nearest(places, most)[1].T]] - places
     # Contiguous along the places: several times as fast as a product for each.
-    away = [np.ascontiguousarray(axis - axis.mean(0)) for axis in np.moveaxis(around, 2, 0)]
-    covariance = np.zeros((len(places), 3, 3))
+    away = [np.ascontiguousarray(axis) for axis in np.moveaxis(away, 2, 0)]
+    covariance = np.empty((len(places), 3, 3))
+    flattest = np.full(len(places), np.inf)
+    for count, gain in sizes:
+        other = _covariance([axis[:count] for axis in away])
+        flatness = _squared_flatness(other, min(count, most)) / gain**2
+        better = flatness < flattest
+        covariance[better], flattest[better] = other[better], flatness[better]
+    squared, axes = np.linalg.eigh(covariance)
+    return axes[:, :, 0], np.sqrt(np.maximum(squared, 0))
+
+
+def _covariance(offsets: list[np.ndarray]) -> np.ndarray:
+    """(Q, 3, 3) of K neighbours each, whose x, y and z offsets (K, Q) are given."""
+    away = [axis - axis.mean(0) for axis in offsets]
+    count, places = away[0].shape
+    covariance = np.empty((places, 3, 3))
     for row in range(3):
         for column in range(row + 1):
-            # eigh reads the lower triangle.
-            covariance[:, row, column] = np.einsum("kq,kq->q", away[row], away[column])
-    squared, axes = np.linalg.eigh(covariance / len(around))
-    return axes[:, :, 0], np.sqrt(np.maximum(squared, 0))
+            product = np.einsum("kq,kq->q", away[row], away[column]) / count
+            covariance[:, row, column] = covariance[:, column, row] = product
+    return covariance
+
+
+def _squared_flatness(covariance: np.ndarray, count: int) -> np.ndarray:
+    """(Q,): squared thickness over width of neighbourhoods of ``count``; covariance (Q, 3, 3).
+
+    Without the axes: det / minors^1.5. The plane took three of the neighbours' freedoms.
+    """
+    xx, yy, zz = (covariance[:, axis, axis] for axis in range(3))
+    yx, zx, zy = covariance[:, 1, 0], covariance[:, 2, 0], covariance[:, 2, 1]
+    minors = xx * yy - yx**2 + xx * zz - zx**2 + yy * zz - zy**2
+    determinant = xx * (yy * zz - zy**2) - yx * (yx * zz - zy * zx) + zx * (yx * zy - yy * zx)
+    thin = np.maximum(determinant, 0) / np.maximum(minors, 1e-300) ** 1.5
+    return thin * count / max(count - 3, 1)

@@ -40,8 +40,8 @@ NEIGHBOURS = 16
 NEAR_SITES = 4
 """A point joins one of so many nearest sites: the one that lies in its plane."""
 
-LATERAL = 0.35
-"""Sine of the angle up to which a neighbour counts as lying in the plane of a point."""
+LATERAL = 0.2
+"""Sine of the angle out of a point's plane at which a neighbour counts 1/e of one within."""
 
 LOOSE = 1e-3
 """Weight of a neighbour out of the plane, as far as the grouping goes: a last resort."""
@@ -54,6 +54,13 @@ DENSITIES = (0.7, 1.0, 1.4, 2.0)
 
 CLOSED = 0.07
 """A scan whose winding numbers miss ½ by more than the square root of this is open."""
+
+HOLDS = (1.0, 0.1)
+"""How firmly patches are held to their neighbours, which mislead where a wall is thinner than its
+points are apart."""
+
+CLEARLY = 0.8
+"""Looser holds win where they leave less than this of the misfit."""
 
 RIDGE = 1e-3
 """Share of the mean eigenvalue that pulls towards the grouping's own sides."""
@@ -147,16 +154,19 @@ def _agreement(
     """How far two directions lie on one side, −1 to 1: for the grouping (E,), for the solve (E,).
 
     The second is n·m', m' being the other direction mirrored in the plane between the points: the
-    normals of a sphere agree fully at any distance, and those of two parallel walls do across the
-    wall. The first is n·m, and is sure only of neighbours in the plane.
+    normals of a sphere agree fully at any distance. Between parallel walls, where both planes rise
+    alike towards the other point, it says nothing, and fades as that rise grows. The first is n·m,
+    and fades for any neighbour out of the plane.
     """
     apart = points[target] - points[source]
     apart /= np.maximum(np.sqrt(np.einsum("ei,ei->e", apart, apart)), 1e-300)[:, None]
     first, second = directions[source], directions[target]
     rise, other = np.einsum("ei,ei->e", first, apart), np.einsum("ei,ei->e", second, apart)
     alike = np.einsum("ei,ei->e", first, second)
-    lateral = np.maximum(np.abs(rise), np.abs(other)) < LATERAL
-    return np.where(lateral, alike, LOOSE * alike), alike - 2 * rise * other
+    steep, both = np.maximum(rise**2, other**2), rise * other
+    within = np.maximum(np.exp(-steep / LATERAL**2), LOOSE)
+    apart_alike = np.exp(-np.maximum(alike * both, 0) / LATERAL**2)
+    return within * alike, apart_alike * (alike - 2 * both)
 
 
 def _areas(
@@ -300,7 +310,10 @@ def _sides(
         return min(answers, key=lambda answer: answer[:2])
 
     whole = nearest(parts, np.zeros((parts.shape[1],) * 2), np.zeros(parts.shape[1]))
-    free = nearest(np.eye(count), np.diag(np.abs(coupling).sum(1)) - coupling, grouped)
+    smooth = np.diag(np.abs(coupling).sum(1)) - coupling
+    free, *looser = (nearest(np.eye(count), hold * smooth, grouped) for hold in HOLDS)
+    for other in looser:
+        free = other if other[0] < CLEARLY * free[0] else free
     return free[2] if free[0] < min(CLOSED, whole[0]) else whole[2]
 
 

@@ -9,7 +9,7 @@ from visco_core.errors import Stopped
 from visco_core.gallery import sphere, thin_plate, torus, two_bodies, uniform_scan
 from visco_core.gallery.scanner import rotation
 from visco_core.normals import estimate_normals
-from visco_core.orientation import SITES, _grouped
+from visco_core.orientation import SITES, _agreement, _grouped
 from visco_core.pointcloud import PointCloud
 from visco_core.progress import never
 
@@ -61,9 +61,9 @@ def test_four_points_of_a_tetrahedron_suffice() -> None:
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-6)
 
 
-def hollow_ball(radius: float) -> PointCloud:
+def hollow_ball(radius: float, outside: int = 6000, inside: int = 4000) -> PointCloud:
     """A unit ball with a ball of this radius taken out of its middle."""
-    outer, inner = uniform_scan(sphere(1.0), 6000), uniform_scan(sphere(radius), 4000)
+    outer, inner = uniform_scan(sphere(1.0), outside), uniform_scan(sphere(radius), inside)
     return PointCloud(
         np.concatenate([outer.points, inner.points]),
         np.concatenate([outer.normals, -inner.normals]),
@@ -86,6 +86,35 @@ def test_the_two_faces_of_a_plate_point_away_from_each_other() -> None:
     # A fiftieth as thick as it is wide: four spacings of the points.
     cloud = uniform_scan(thin_plate(0.04), 20_000)
     assert (degrees_off(estimate_normals(cloud.points), cloud.normals) > 90).mean() < 0.02
+
+
+def test_a_shell_thinner_than_its_points_are_apart_has_an_inside() -> None:
+    # 0.05 thick, the points of either face 0.07 apart.
+    cloud = hollow_ball(0.95, 2600, 2400)
+    assert (degrees_off(estimate_normals(cloud.points), cloud.normals) > 90).mean() < 0.01
+
+
+def test_directions_come_from_so_few_neighbours_that_close_walls_stay_apart() -> None:
+    """16 neighbours fill the space between two plates; 8 lie on one face."""
+    plate, apart = uniform_scan(thin_plate(0.06), 3000), np.array([0.0, 0.0, 0.08])
+    points = np.concatenate([plate.points - apart, plate.points + apart])
+    exact = np.concatenate([plate.normals, plate.normals])
+    assert np.median(degrees_off(estimate_normals(points), exact)) < 5
+
+
+def test_walls_as_close_as_the_points_get_directions_from_a_wider_view() -> None:
+    """Every neighbourhood of 16 holds both faces of the shell; one point in nine shows a sheet."""
+    cloud = hollow_ball(0.9, 2700, 2300)
+    assert (degrees_off(estimate_normals(cloud.points), cloud.normals) > 90).mean() < 0.002
+
+
+def test_neighbours_across_a_wall_say_little_and_those_around_an_edge_all() -> None:
+    points = np.array([[0.0, 0, 0], [0.1, 0, -0.05], [0.1, 0, -0.1]])
+    directions = np.array([[0.0, 0, 1], [0, 0, 1], [1, 0, 0]])
+    grouping, solving = _agreement(points, directions, np.array([0, 0]), np.array([1, 2]))
+    assert 0 < grouping[0] < 0.05
+    assert abs(solving[0]) < 0.05
+    assert solving[1] == pytest.approx(1)
 
 
 def test_patches_of_a_plate_that_noise_has_grouped_wrongly_turn_each_for_itself() -> None:
