@@ -68,6 +68,9 @@ FAST_WEIGHTS = Weights(
 VISCOSITY_PER_VARIANCE = 1.25e6
 """λv · m / σ² in units of the cube: how strongly the prior weighs against one point."""
 
+FIRMEST_VISCOSITY = 5e-3
+"""λv that few, noisy points tend to: more would smooth the shape away with the noise."""
+
 VOXEL_ERROR = 0.1
 """What trilinear voxels add to the noise of the points, as a share of a voxel."""
 
@@ -95,10 +98,11 @@ def weights_for_noise(noise: Noise, points: int, resolutions: list[int]) -> tupl
     Maximum a posteriori: m points of variance σ² and normals of variance σn² weigh λp/m : λn/m as
     1/σ² : 1/σn², and the prior's weight relative to all of them is constant, so
 
-        λn = λp σ² / σn²,    λv = VISCOSITY_PER_VARIANCE · σ² / m,
+        λn = λp σ² / σn²,    1/λv = m / (VISCOSITY_PER_VARIANCE · σ²) + 1/FIRMEST_VISCOSITY,
 
     where σ² is the noise and what the level's voxels add to it, and σn² the scatter of the normals
-    and the error that neighbours share.
+    and the error that neighbours share. The second term of 1/λv is the surface's own detail, which
+    the prior would smooth away however little the points say.
     """
     base = FAST_WEIGHTS
     normal_variance = noise.normal**2 + SHARED_NORMAL_ERROR**2
@@ -108,7 +112,8 @@ def weights_for_noise(noise: Noise, points: int, resolutions: list[int]) -> tupl
         for_normals = voxel * (VOXEL_ERROR_OF_NORMALS if level else 1)
         normal = base.point * (noise.position**2 + for_normals) / normal_variance
         viscosity = VISCOSITY_PER_VARIANCE * (noise.position**2 + voxel) / points
-        return replace(base, normal=min(normal, 1e-3), viscosity=min(viscosity, 1e-1))
+        viscosity /= 1 + viscosity / FIRMEST_VISCOSITY
+        return replace(base, normal=min(normal, 1e-3), viscosity=viscosity)
 
     return tuple(on_level(*entry) for entry in enumerate(resolutions))
 

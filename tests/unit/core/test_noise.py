@@ -5,7 +5,7 @@ import pytest
 
 from visco_core.gallery import SHAPES, uniform_scan
 from visco_core.noise import Noise, estimate_noise
-from visco_core.presets import SHARED_NORMAL_ERROR, weights_for_noise
+from visco_core.presets import FIRMEST_VISCOSITY, SHARED_NORMAL_ERROR, weights_for_noise
 
 
 @pytest.mark.parametrize(("points", "noise"), [(20_000, 0.002), (50_000, 0.001), (50_000, 0.01)])
@@ -49,11 +49,19 @@ def test_few_points_are_enough_for_an_estimate() -> None:
 
 
 def test_smoothing_grows_with_the_variance_and_falls_with_the_number_of_points() -> None:
-    few = weights_for_noise(Noise(0.01, 0.3), 10_000, [64, 256])[-1]
-    many = weights_for_noise(Noise(0.01, 0.3), 100_000, [64, 256])[-1]
-    clean = weights_for_noise(Noise(0.001, 0.3), 100_000, [64, 1024])[-1]
-    assert few.viscosity == pytest.approx(10 * many.viscosity)
+    few = weights_for_noise(Noise(0.01, 0.3), 1_000_000, [64, 256])[-1]
+    many = weights_for_noise(Noise(0.01, 0.3), 10_000_000, [64, 256])[-1]
+    clean = weights_for_noise(Noise(0.001, 0.3), 10_000_000, [64, 1024])[-1]
+    assert few.viscosity == pytest.approx(10 * many.viscosity, rel=0.05)
     assert many.viscosity == pytest.approx(100 * clean.viscosity, rel=0.05)
+
+
+def test_few_and_noisy_points_leave_the_shape_its_detail() -> None:
+    """λv in proportion to σ²/m was three times the best for 5,000 points at 1 % noise."""
+    weights = weights_for_noise(Noise(0.009, 0.6), 5000, [64, 128, 256])
+    noisier = weights_for_noise(Noise(0.018, 0.6), 5000, [64, 128, 256])
+    for each, other in zip(weights, noisier, strict=True):
+        assert 1e-3 < each.viscosity < other.viscosity < FIRMEST_VISCOSITY
 
 
 def test_normals_weigh_against_points_as_their_variances_say() -> None:
