@@ -3,7 +3,8 @@
 Around sampled points a quadric is fitted through the k nearest neighbours, and its residual is
 measured for growing k. It holds the noise, and what the quadric cannot follow, which grows with k;
 two sizes tell the two apart. Where the neighbourhood is thinner than the noise the fit follows the
-noise too, so the largest answer of all sizes is taken.
+noise too, so the largest answer of all sizes is taken. Of small neighbourhoods only the side that
+most normals face is fitted: through both faces of a thin wall the thickness would pass for noise.
 """
 
 from __future__ import annotations
@@ -17,6 +18,14 @@ from visco_core.progress import Check, never
 
 SCALES = ((24, 800), (96, 400), (384, 200), (1536, 100))
 """Neighbours, and how many points are sampled at that size."""
+
+ONE_SIDED = 96
+"""Neighbours up to which one side is fitted. The larger sizes tell only of noise so coarse that
+normals hardly know their side, and the smoothing was calibrated on what they say of both."""
+
+SAME_SHEET = 3.0
+"""Deviations from the fit within which a normal that faces the other way is a wrong one, and not
+that of another wall."""
 
 CURVATURE_GROWTH = 3.3
 """How much more a quadric leaves over of an exact surface when k grows fourfold."""
@@ -56,33 +65,53 @@ def estimate_noise(
         count = min(neighbours, len(points))
         chosen = random.choice(len(points), min(samples, len(points)), replace=False)
         nearest = around.nearest(points[chosen], count)[1]
-        basis, height = _local_frame(points[nearest])
-        residuals.append(_typical_deviation(height[..., None], basis))
+        side = _side(normals[nearest]) if count <= ONE_SIDED else np.ones(nearest.shape, bool)
+        basis, height = _local_frame(points[nearest], side)
+        apart = _residual(height[..., None], basis, side)
+        deviation = _deviation(apart, side, basis.shape[2])
+        residuals.append(float(np.median(deviation)))
         if len(residuals) == 1:
-            normal_deviation = _typical_deviation(normals[nearest], basis[..., :3])
+            sheet = side | (np.abs(apart[..., 0]) <= SAME_SHEET * deviation[:, None])
+            trend = basis[..., :3]
+            tilt = _deviation(_residual(normals[nearest], trend, sheet), sheet, trend.shape[2])
+            normal_deviation = float(np.median(tilt))
         elif residuals[-1] > CURVATURE * residuals[-2]:
             break
     return Noise(_without_curvature(np.array(residuals)), normal_deviation)
 
 
-def _local_frame(around: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Quadratic basis (S, K, 6) over, and height (S, K) above, the plane through each sample."""
-    centered = around - around.mean(1, keepdims=True)
-    count = around.shape[1]
-    variance, axes = np.linalg.eigh(np.einsum("ski,skj->sij", centered, centered) / count)
+def _side(normals: np.ndarray) -> np.ndarray:
+    """(S, K) bool: which of the unit normals (S, K, 3) face the way that most of a sample's do."""
+    facing = np.einsum("ski,si->sk", normals, normals[:, 0]) > 0
+    return facing == (facing.mean(1, keepdims=True) >= 0.5)
+
+
+def _local_frame(around: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Quadratic basis (S, K, 6) over, and height (S, K) above, the plane through those ``kept``."""
+    share = kept / kept.sum(1, keepdims=True)
+    centered = around - np.einsum("sk,ski->si", share, around)[:, None]
+    weighted = centered * share[..., None]
+    variance, axes = np.linalg.eigh(np.einsum("ski,skj->sij", weighted, centered))
     height, x, y = np.moveaxis(np.einsum("ski,sij->skj", centered, axes), -1, 0)
     extent = np.sqrt(np.maximum(variance[:, 2:], np.finfo(float).tiny))
     x, y = x / extent, y / extent
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], -1), height
 
 
-def _typical_deviation(values: np.ndarray, basis: np.ndarray) -> float:
-    """Median over samples of how far ``values`` (S, K, D) lie from their fit in ``basis``."""
-    count, terms = basis.shape[1:]
-    square = np.einsum("ska,skb->sab", basis, basis) + 1e-9 * count * np.eye(terms)
-    fit = np.linalg.solve(square, np.einsum("ska,skd->sad", basis, values))
-    residual = np.square(values - np.einsum("ska,sad->skd", basis, fit)).sum((1, 2))
-    return float(np.median(np.sqrt(residual / max(count - terms, 1))))
+def _residual(values: np.ndarray, basis: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """``values`` (S, K, D) less what ``basis`` (S, K, B) fits to those ``kept`` (S, K)."""
+    terms, count = basis.shape[2], kept.sum(1)
+    fitted = basis * kept[..., None]
+    square = np.einsum("ska,skb->sab", fitted, basis)
+    square += 1e-9 * count[:, None, None] * np.eye(terms)
+    fit = np.linalg.solve(square, np.einsum("ska,skd->sad", fitted, values))
+    return values - np.einsum("ska,sad->skd", basis, fit)
+
+
+def _deviation(residual: np.ndarray, kept: np.ndarray, terms: int) -> np.ndarray:
+    """Standard deviation (S,) of the residuals (S, K, D) ``kept`` of a fit with so many terms."""
+    square = (np.square(residual).sum(2) * kept).sum(1)
+    return np.sqrt(square / np.maximum(kept.sum(1) - terms, 1))
 
 
 def _without_curvature(residuals: np.ndarray) -> float:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from visco_core.gallery import SHAPES, uniform_scan
+from visco_core.gallery import SHAPES, flip_normals, thin_plate, uniform_scan
 from visco_core.noise import Noise, estimate_noise
 from visco_core.presets import FIRMEST_VISCOSITY, SHARED_NORMAL_ERROR, weights_for_noise
 
@@ -27,6 +27,21 @@ def test_deviation_of_normals_is_found() -> None:
     found = estimate_noise(cloud.points, cloud.normals).normal
     tilt = np.arccos(np.clip(np.sum(cloud.normals * _exact(cloud.points), 1), -1, 1))
     assert found == pytest.approx(np.sqrt(np.square(np.sin(tilt)).mean()), rel=0.25)
+
+
+def test_the_other_face_of_a_thin_wall_is_no_noise() -> None:
+    plate = thin_plate(0.015)
+    cloud = uniform_scan(plate, 50_000, noise=0.0003, normal_noise=8, seed=1)
+    found = estimate_noise(cloud.points, cloud.normals)
+    assert found.position == pytest.approx(0.0003 * plate.diagonal, rel=0.2)
+    assert found.normal == pytest.approx(np.radians(8), rel=0.2)
+
+
+def test_normals_that_face_the_wrong_way_are_noise() -> None:
+    cloud = flip_normals(uniform_scan(SHAPES["sphere"](), 20_000, noise=0.002, seed=1), 0.3)
+    found = estimate_noise(cloud.points, cloud.normals)
+    assert found.normal == pytest.approx(np.sqrt(4 * 0.3 * 0.7), rel=0.1)
+    assert found.position == pytest.approx(0.002 * SHAPES["sphere"]().diagonal, rel=0.1)
 
 
 def test_estimate_scales_with_the_units_of_the_scan() -> None:
