@@ -1,9 +1,11 @@
 """The field that the solver starts from: which side is inside, and how far the surface is.
 
-Signs come from an FFT Poisson solve: the divergence of the oriented normals is splatted into a grid
-of cells, and the potential whose Laplacian it is steps up across the surface (Kazhdan, Bolitho,
-Hoppe, "Poisson Surface Reconstruction", SGP 2006). The median of the potential at the points
-separates inside from outside, and a Euclidean distance transform turns the signs into distances.
+Signs come from an FFT Poisson solve: the divergence of the oriented normals, each times the area
+that its point stands for, is splatted into a grid of cells, and the potential whose Laplacian it is
+steps up across the surface (Kazhdan, Bolitho, Hoppe, "Poisson Surface Reconstruction", SGP 2006).
+The areas make the step as high where the scan is sparse as where it is dense. The median of the
+potential at the points separates inside from outside, and a Euclidean distance transform turns the
+signs into distances.
 """
 
 from __future__ import annotations
@@ -13,13 +15,17 @@ from itertools import product
 import numpy as np
 
 from visco_core.kernels import Backend
+from visco_core.neighbours import Neighbours
 from visco_core.progress import Check, never
 
 SMOOTHING = 1.5
 """Standard deviation of the Gaussian that smooths the splatted normals, in cells."""
 
-ENOUGH = 100_000
-"""Of more points than this, only every so many are asked where the surface's potential lies."""
+POINTS = 100_000
+"""More points would add nothing to signs at this resolution; so many of a larger scan are used."""
+
+NEIGHBOURS = 7
+"""Neighbours that tell how large an area a point stands for."""
 
 
 def starting_values(
@@ -33,7 +39,11 @@ def starting_values(
 
     points (P, 3) in [0, 1]³; normals (P, 3), outward. In units of the cube, negative inside.
     """
-    outside = potential(backend, points, normals, 2 * resolution, check) > 0
+    if len(points) > POINTS:
+        chosen = np.sort(np.random.default_rng(0).choice(len(points), POINTS, replace=False))
+        points, normals = points[chosen], normals[chosen]
+    dipoles = normals * surface_areas(points, backend.threads, check)[:, None]
+    outside = potential(backend, points, dipoles, 2 * resolution, check) > 0
     squared = backend.kernels.squared_distance
     to_inside = squared(backend.array(outside))
     check()
@@ -46,12 +56,29 @@ def starting_values(
     return np.append(at_nodes, np.float32(0))
 
 
+def surface_areas(points: np.ndarray, threads: int = -1, check: Check = never) -> np.ndarray:
+    """(P,) float32: how much surface each of ``points`` (P, 3) stands for; the usual point 1.
+
+    The squared distance to its last neighbour, as the median of the neighbours has it: beside a
+    surface an outlier counts no more than the surface's own points. Rounded to a power of four,
+    since such distances scatter also on an even scan, which would roughen its start.
+    """
+    count = min(NEIGHBOURS + 1, len(points))
+    distance, near = Neighbours(points, threads, check).nearest(points, count)
+    areas = np.median(np.square(distance[:, -1])[near], axis=1)
+    steps = np.log2(np.maximum(areas / max(np.median(areas), 1e-300), 1e-12)) / 2
+    return (4.0 ** np.rint(steps)).astype(np.float32)
+
+
 def potential(
-    backend: Backend, points: np.ndarray, normals: np.ndarray, cells: int, check: Check = never
+    backend: Backend, points: np.ndarray, dipoles: np.ndarray, cells: int, check: Check = never
 ) -> np.ndarray:
-    """The Poisson potential (cells, cells, cells) float32 at cell centres, zero at the surface."""
+    """The Poisson potential (cells, cells, cells) float32 at cell centres, zero at the surface.
+
+    dipoles (P, 3): outward normals of the points, as long as their areas.
+    """
     kernels, places = backend.kernels, backend.array(points.astype(np.float32))
-    sources = backend.numpy(kernels.splat_divergence(places, backend.array(normals), cells))
+    sources = backend.numpy(kernels.splat_divergence(places, backend.array(dipoles), cells))
     check()
     full = 2 * np.pi * np.fft.fftfreq(cells).astype(np.float32)
     half = 2 * np.pi * np.fft.rfftfreq(cells).astype(np.float32)
@@ -64,7 +91,7 @@ def potential(
     check()
     field = np.fft.irfftn(spectrum, sources.shape, axes=(0, 1, 2))
     check()
-    return field - np.median(sample_cells(field, points[:: -(-len(points) // ENOUGH)]))
+    return field - np.median(sample_cells(field, points))
 
 
 def sample_cells(field: np.ndarray, points: np.ndarray) -> np.ndarray:

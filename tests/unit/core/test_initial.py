@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 from kernel_inputs import CORNERS
 
-from visco_core.gallery import Shape, flip_normals, sphere, torus, two_bodies, uniform_scan
-from visco_core.initial import potential, sample_cells, starting_values
+from visco_core.gallery import (
+    Shape,
+    add_outliers,
+    flip_normals,
+    sphere,
+    torus,
+    two_bodies,
+    uniform_scan,
+    vary_density,
+)
+from visco_core.initial import potential, sample_cells, starting_values, surface_areas
 from visco_core.kernels import Backend
 from visco_core.pointcloud import PointCloud
 
@@ -57,6 +66,34 @@ def test_a_tenth_of_wrong_normals_changes_no_sign(native_backend: Backend) -> No
     exact = in_cube(sphere(), places)
     decided = np.abs(exact) > 1 / RESOLUTION
     assert (np.sign(values) == np.sign(exact))[decided].all()
+
+
+def test_a_part_scanned_a_thousand_times_sparser_changes_no_sign(numba_backend: Backend) -> None:
+    cloud = vary_density(uniform_scan(sphere(), 60_000), 1000)
+    places, values = start(numba_backend, cloud)
+    exact = in_cube(sphere(), places)
+    decided = np.abs(exact) > 3 / RESOLUTION
+    assert (np.sign(values) == np.sign(exact))[decided].all()
+
+
+def test_the_areas_that_points_stand_for_follow_their_density() -> None:
+    even = uniform_scan(sphere(), 60_000)
+    cloud = vary_density(even, 100)
+    areas = surface_areas(cloud.points)
+    along = cloud.points[:, np.ptp(even.points, axis=0).argmax()]
+    dense, sparse = (np.median(areas[np.abs(along - a) < 0.1]) for a in (-0.5, 0.5))
+    assert sparse / dense == pytest.approx(10, rel=0.6)
+
+
+def test_points_of_an_even_scan_all_stand_for_the_same_area() -> None:
+    areas = surface_areas(uniform_scan(sphere(), 20_000).points)
+    assert (areas == 1).mean() > 0.95
+
+
+def test_an_outlier_beside_a_surface_stands_for_no_more_than_its_neighbours() -> None:
+    cloud = uniform_scan(sphere(), 20_000)
+    areas = surface_areas(add_outliers(cloud, 0.001).points)
+    assert areas.max() <= 4 * np.median(areas)
 
 
 def test_potential_steps_up_from_inside_to_outside_across_the_points(
