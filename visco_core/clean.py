@@ -22,7 +22,7 @@ _THINNEST = 1e-6
 _LARGEST = 1e100
 _BAD_NORMALS_TOLERATED = 0.5
 
-_LONELY, _LONELY_SHARE = 0.15, 0.005
+_LONELY, _FEWEST_LONELY, _MOSTLY_OFF = 0.15, 5, 0.9
 _NEIGHBOURS = 12
 _FAR, _OFF_SURFACE = 1.5, 0.3
 
@@ -175,16 +175,16 @@ def find_scattered(
 
     points (P, 3), finite and distinct; normals (P, 3), unit, of either side. A point is off the
     surface if half of its 12 nearest lie more than 17° (sine 0.3) off its own plane, or it off
-    theirs. Scans are left alone unless 5 in 1,000 points lie in lonely places, which coarse cells
-    tell, and most of these are off the surface: elsewhere the scan is only sparse. Then all points
-    go that are off, and 1.5 times farther from their 12 nearest than is usual.
+    theirs. Scans are left alone unless five points or more lie in lonely places, which coarse cells
+    tell, and nine in ten of these are off the surface: elsewhere the scan is only sparse. Then all
+    points go that are off, and 1.5 times farther from their 12 nearest than is usual.
     """
     scattered = np.zeros(len(points), bool)
     if len(points) <= _NEIGHBOURS:
         return scattered
     around = _count_around(points)
     lonely = np.flatnonzero(around < _LONELY * np.median(around))
-    if len(lonely) < _LONELY_SHARE * len(points):
+    if len(lonely) < _FEWEST_LONELY:
         return scattered
     from visco_core.neighbours import Neighbours
 
@@ -201,7 +201,7 @@ def find_scattered(
         ]
         return np.max([np.median(sine, axis=1) for sine in sines], axis=0) > _OFF_SURFACE
 
-    if off_surface(lonely).mean() > 0.5:
+    if off_surface(lonely).mean() > _MOSTLY_OFF:
         reach = look_up.nearest(points, _NEIGHBOURS + 1)[0][:, -1]
         far = np.flatnonzero(reach > _FAR * np.median(reach))
         scattered[far] = off_surface(far)

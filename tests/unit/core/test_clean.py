@@ -162,6 +162,13 @@ def test_a_marker_at_the_origin_repeated_for_every_lost_ray_is_one_stray() -> No
     assert np.array_equal(cleaned.points, body)
 
 
+@pytest.mark.parametrize("share", [0.001, 0.004])
+def test_a_few_points_in_a_thousand_between_surfaces_are_dropped_too(share: float) -> None:
+    surface = uniform_scan(SHAPES["octopus"](), 20_000)
+    report = clean_points(add_outliers(surface, share))[1]
+    assert 0.8 * share * 20_000 < report.scattered < 1.1 * share * 20_000
+
+
 @pytest.mark.parametrize("shape", ["sphere", "octopus", "bracket"])
 def test_points_scattered_between_surfaces_are_dropped_and_the_surface_is_kept(shape: str) -> None:
     surface = uniform_scan(SHAPES[shape](), 20_000)
@@ -183,6 +190,11 @@ def test_no_point_of_a_surface_is_scattered_however_noisy_or_badly_oriented(shap
 def test_surface_a_hundred_times_sparser_than_the_rest_is_kept(shape: str) -> None:
     cloud = vary_density(uniform_scan(SHAPES[shape](), 50_000), 100.0)
     assert clean_points(cloud)[1].scattered == 0
+
+
+def test_noisy_surface_a_hundred_times_sparser_than_the_rest_is_kept() -> None:
+    surface = uniform_scan(SHAPES["octopus"](), 20_000, noise=0.001, normal_noise=8)
+    assert clean_points(vary_density(surface, 100))[1].scattered == 0
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e7])
