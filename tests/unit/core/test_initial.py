@@ -68,9 +68,9 @@ def test_a_tenth_of_wrong_normals_changes_no_sign(native_backend: Backend) -> No
     assert (np.sign(values) == np.sign(exact))[decided].all()
 
 
-def test_a_part_scanned_a_thousand_times_sparser_changes_no_sign(numba_backend: Backend) -> None:
+def test_a_part_scanned_a_thousand_times_sparser_changes_no_sign(native_backend: Backend) -> None:
     cloud = vary_density(uniform_scan(sphere(), 60_000), 1000)
-    places, values = start(numba_backend, cloud)
+    places, values = start(native_backend, cloud)
     exact = in_cube(sphere(), places)
     decided = np.abs(exact) > 3 / RESOLUTION
     assert (np.sign(values) == np.sign(exact))[decided].all()
