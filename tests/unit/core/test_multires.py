@@ -23,6 +23,7 @@ from visco_core.multires import (
     LevelPlan,
     Problem,
     SolvedLevel,
+    _towards,
     plan_resolutions,
     solve_levels,
 )
@@ -313,10 +314,24 @@ def test_stop_is_asked_for_in_every_iteration(native_backend: Backend) -> None:
     assert len(calls) > iterations
 
 
+def test_solutions_straight_in_the_root_of_epsilon_lead_to_their_limit() -> None:
+    limit, error = np.float32([0.2, -0.1, 0.0]), np.float32([0.01, -0.02, 0.03])
+    before, last = (4.0, limit + 2 * error), (1.0, limit + error)
+    free = np.float32([1, 1, 0])
+    found = _towards(0.0, last, before, free, farthest=1.0)
+    assert found == pytest.approx(np.where(free, limit, last[1]))
+
+
+def test_no_value_is_extrapolated_by_more_than_the_farthest() -> None:
+    before, last = (4.0, np.float32([0.5, -0.5])), (1.0, np.float32([0.1, -0.1]))
+    found = _towards(0.0, last, before, np.ones(2, np.float32), farthest=0.05)
+    assert found == pytest.approx([0.05, -0.05])
+
+
 def test_a_corner_that_no_point_saw_is_sharper_than_at_the_asked_epsilon(
     backend: Backend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The solutions at three ε lead to the limit ε → 0, which rounds less."""
+    """The solutions at the last two ε lead to the limit ε → 0, which rounds less."""
     shape = SHAPES["box"]()
     cloud = uniform_scan(shape, 100_000)
     assert cloud.normals is not None
