@@ -114,9 +114,11 @@ def test_progress_counts_levels_and_steps_and_never_falls(record: Record) -> Non
     assert 0 <= fractions[0] <= fractions[-1] <= 1
     solving = [p for p in record.progress if p.step]
     assert {p.phase for p in solving} == {"solve"}
-    assert [(p.level, p.resolution) for p in solving] == [(1, 64)] * 6 + [(2, 128)]
-    assert [p.step for p in solving] == [1, 2, 3, 4, 5, 6, 1]
-    assert {(p.levels, p.steps) for p in solving} == {(2, 6), (2, 1)}
+    coarsest = 2 * len(CONTINUATION)
+    levels = [(p.level, p.resolution) for p in solving]
+    assert levels == [(1, 64)] * coarsest + [(2, 128)]
+    assert [p.step for p in solving] == [*range(1, coarsest + 1), 1]
+    assert {(p.levels, p.steps) for p in solving} == {(2, coarsest), (2, 1)}
     assert all(p.remaining_seconds is not None for p in solving)
     assert all(p.losses.keys() == {"point", "normal", "viscosity"} for p in solving)
 
@@ -139,7 +141,7 @@ def test_phases_and_steps_make_the_report(record: Record) -> None:
     assert solved["steps"] == 1
     assert solved["iterations"] <= 8
     steps = [(entry["resolution"], entry["step"]) for entry in record.clock.steps]
-    assert steps == [(64, step) for step in range(1, 7)] + [(128, 1)]
+    assert steps == [(64, step) for step in range(1, 2 * len(CONTINUATION) + 1)] + [(128, 1)]
     assert solved["point"] == record.best.losses["point"] == record.clock.steps[-1]["point"]
 
 
