@@ -10,6 +10,7 @@ could meet a second one from the other side and leave an edge with four triangle
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -75,8 +76,14 @@ def _chords_in_a_face(loop: list[int], triangles: list[tuple[int, int, int]]) ->
     """How many sides of the triangles are no side of the loop and lie in a face of the voxel."""
     sides = {frozenset(pair) for pair in zip(loop, loop[1:] + loop[:1], strict=True)}
     chords = {frozenset((t[k], t[k - 1])) for t in triangles for k in range(3)} - sides
-    faces = [{_edge(face[k], face[k - 1]) for k in range(4)} for face in _faces()]
-    return sum(any(chord <= face for face in faces) for chord in chords)
+    return len(chords & _pairs_in_a_face())
+
+
+@functools.cache
+def _pairs_in_a_face() -> set[frozenset[int]]:
+    """Every two edges of a voxel that bound the same face."""
+    rings = [[_edge(face[k], face[k - 1]) for k in range(4)] for face in _faces()]
+    return {frozenset(pair) for ring in rings for pair in itertools.combinations(ring, 2)}
 
 
 @functools.cache

@@ -10,6 +10,8 @@ signs into distances.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 
 import numpy as np
@@ -84,14 +86,28 @@ def potential(
     half = 2 * np.pi * np.fft.rfftfreq(cells).astype(np.float32)
     square = full[:, None, None] ** 2 + full[:, None] ** 2 + half**2
     square[0, 0, 0] = 1
-    spectrum = np.fft.rfftn(sources)
+    spectrum = _in_parts(backend.threads, 0, lambda a: np.fft.rfftn(a, axes=(1, 2)), sources)
+    check()
+    spectrum = _in_parts(backend.threads, 1, lambda a: np.fft.fft(a, axis=0), spectrum)
     check()
     spectrum *= np.exp(-0.5 * SMOOTHING**2 * square) / -square
     spectrum[0, 0, 0] = 0
     check()
-    field = np.fft.irfftn(spectrum, sources.shape, axes=(0, 1, 2))
+    spectrum = _in_parts(backend.threads, 1, lambda a: np.fft.ifft(a, axis=0), spectrum)
+    check()
+    plane = sources.shape[1:]
+    field = _in_parts(backend.threads, 0, lambda a: np.fft.irfftn(a, plane, axes=(1, 2)), spectrum)
     check()
     return field - np.median(sample_cells(field, points))
+
+
+def _in_parts(
+    threads: int, axis: int, transform: Callable[[np.ndarray], np.ndarray], values: np.ndarray
+) -> np.ndarray:
+    """``transform`` of each part along ``axis``, on so many threads; numpy's transforms use one."""
+    with ThreadPoolExecutor(threads) as pool:
+        parts = list(pool.map(transform, np.array_split(values, threads, axis)))
+    return np.concatenate(parts, axis)
 
 
 def sample_cells(field: np.ndarray, points: np.ndarray) -> np.ndarray:
