@@ -18,4 +18,4 @@ def box_sum(cells: np.ndarray, width: int) -> np.ndarray:
         middle, last = np.arange(len(running) - 1), len(running) - 1
         high = running[np.minimum(middle + width // 2 + 1, last)]
         sums = np.moveaxis(high - running[np.maximum(middle - width // 2, 0)], 0, axis)
-    return sums
+    return np.ascontiguousarray(sums)

@@ -313,9 +313,9 @@ def _freedom(grid: Grid, samples: Samples) -> Array:
     corners, starts = backend.numpy(samples.corners), backend.numpy(samples.starts)
     counts = np.bincount(corners[:, 0], np.diff(starts), side**3).reshape(side, side, side)
     around = box_sum(counts, AROUND)
-    freedom = np.minimum(around / (DENSE * AROUND**2), 1).astype(np.float32)
-    freedom.reshape(-1)[corners] = 0
-    return backend.array(np.append(freedom, np.float32(0)))
+    freedom = np.append(np.minimum(around / (DENSE * AROUND**2), 1), 0).astype(np.float32)
+    freedom[corners] = 0
+    return backend.array(freedom)
 
 
 class _Reporter:

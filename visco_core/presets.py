@@ -89,7 +89,7 @@ PAPER_EPOCHS = {30: (5, 5, 3), 21: (2, 2, 2), 15: (2, 2, 2), 8: (2, 2, 1)}
 PAPER_PRUNE = {30: 12.0, 21: 12.0, 15: 6.0, 8: 6.0}
 """Voxels kept on either side of the surface, for the paper's t = 0.9 and t = 0.4 (erratum 3)."""
 
-FAST_OUTER_STEPS, FAST_INNER_STEPS, FAST_BAND_WIDTH = (8, 2), (30, 30), 4.0
+FAST_OUTER_STEPS, FAST_INNER_STEPS, FAST_BAND_WIDTH = (4, 2), (30, 30), 4.0
 
 
 def weights_for_noise(noise: Noise, points: int, resolutions: list[int]) -> tuple[Weights, ...]:

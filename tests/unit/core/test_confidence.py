@@ -138,17 +138,21 @@ def solved(shape: Shape, scanner: Scanner) -> tuple[np.ndarray, np.ndarray]:
     return np.abs(shape.sdf(mesh.vertices)), mesh.attributes["confidence"]
 
 
-@pytest.mark.parametrize("name", SCANS)
-def test_the_error_falls_as_the_confidence_grows(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "times"),
+    [("octopus with holes", 5), ("bracket with holes", 5), ("noisy torus with holes", 2)],
+)
+def test_the_error_falls_as_the_confidence_grows(name: str, times: float) -> None:
+    """From the last tenth to the first by so many times: less where the scan itself is noisy."""
     make, scanner = SCANS[name]
     error, found = solved(make(), scanner)
     tenths = np.array_split(np.argsort(found, kind="stable"), 10)
     means = [error[tenth].mean() for tenth in tenths]
     # Among the tenths that the scan holds only its noise is left, and they are nearly alike.
-    assert np.all(np.diff(means) < 0.005 * means[0]), means
+    assert np.all(np.diff(means) < 0.04 * means[-1]), means
     fifths = np.reshape(means, (5, 2)).mean(1)
     assert np.all(np.diff(fifths) < 0), means
-    assert means[0] > 5 * means[-1]
+    assert means[0] > times * means[-1]
 
 
 def test_what_is_built_through_stray_points_has_no_confidence(

@@ -17,12 +17,15 @@ from visco_core.config import Budget, LevelSchedule, ReconstructionConfig
 from visco_core.errors import ResourceError, Stopped
 from visco_core.extract import extract_isosurface
 from visco_core.gallery import SHAPES, sphere, uniform_scan
+from visco_core.grid.samples import locate
+from visco_core.grid.topology import dense_grid
 from visco_core.kernels import Backend
 from visco_core.multires import (
     CONTINUATION,
     LevelPlan,
     Problem,
     SolvedLevel,
+    _freedom,
     _towards,
     plan_resolutions,
     solve_levels,
@@ -322,6 +325,22 @@ def test_solutions_straight_in_the_root_of_epsilon_lead_to_their_limit() -> None
     free = np.float32([1, 1, 0])
     found = _towards(0.0, last, before, free, farthest=1.0)
     assert found == pytest.approx(np.where(free, limit, last[1]))
+
+
+def test_a_node_of_a_voxel_with_points_is_not_extrapolated_and_one_in_a_hole_is(
+    backend: Backend,
+) -> None:
+    """A dense plane with a hole in its middle; far from it nothing tells of a dense scan."""
+    ticks = (np.arange(160) + 0.5) / 160
+    plane = np.stack(np.meshgrid(ticks, ticks, [0.503]), -1).reshape(-1, 3)
+    plane = plane[np.abs(plane[:, :2] - 0.5).max(1) > 0.08]
+    grid = dense_grid(backend, 33)
+    samples = locate(grid, plane, None)
+    freedom = backend.numpy(_freedom(grid, samples))
+    assert not freedom[np.unique(backend.numpy(samples.corners))].any()
+    cube = freedom[:-1].reshape(33, 33, 33)
+    assert cube[16, 16, 16] == 1
+    assert cube[16, 16, 0] == 0
 
 
 def test_no_value_is_extrapolated_by_more_than_the_farthest() -> None:
