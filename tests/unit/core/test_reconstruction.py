@@ -13,15 +13,15 @@ import laspy
 import numpy as np
 import plyfile
 import pytest
-import scipy.fft
 from gltf_validator import validate
-from scipy.spatial import KDTree
 
+from visco_core import initial, neighbours
 from visco_core.config import Budget, LevelSchedule, LossWeights, ReconstructionConfig
 from visco_core.errors import InputError, ResourceError, Stopped
 from visco_core.frame import FILL, Normalisation
 from visco_core.gallery import Scanner, scan, sphere, torus, two_bodies, uniform_scan
 from visco_core.io import read_mesh, read_points, write_mesh
+from visco_core.kernels import native
 from visco_core.mesh_health import mesh_health
 from visco_core.metrics import nearest_distance, point_to_mesh_distance
 from visco_core.pointcloud import PointCloud
@@ -439,13 +439,14 @@ def test_no_more_threads_are_used_than_asked_for(
     used: list[int] = []
 
     def spied(function: Callable[..., Any]) -> Callable[..., Any]:
-        def spy(*arguments: Any, **options: Any) -> Any:
-            used.append(options["workers"])
-            return function(*arguments, **options)
+        def spy(threads: int) -> Any:
+            used.append(threads)
+            return function(threads)
 
         return spy
 
-    for module, name in ((scipy.fft, "rfftn"), (scipy.fft, "irfftn"), (KDTree, "query")):
+    places = (native, "set_threads"), (neighbours, "set_threads"), (initial, "ThreadPoolExecutor")
+    for module, name in places:
         monkeypatch.setattr(module, name, spied(getattr(module, name)))
     colors = np.zeros(ball.points.shape, np.uint8)
     some = ball.normals.copy()
