@@ -42,7 +42,7 @@ CONTINUATION = (8.0, 4.0, 2.0, 1.0)
 minima and moves the surface across holes in few steps; starting at the asked ε ends higher. Two
 solutions tell where the next one lies, and the last two where ε → 0 leads: see ``_towards``."""
 
-FARTHEST = 0.5
+FARTHEST = 0.4
 """Voxels by which an extrapolation in ε may change a value."""
 
 AROUND, DENSE = 17, 5.0

@@ -22,8 +22,9 @@ from visco_core.noise import estimate_noise
 from visco_core.pointcloud import PointCloud
 from visco_core.postprocess import finish_mesh, with_confidence
 from visco_core.presets import Settings, decide, weights_for_noise
-from visco_core.progress import ProgressCallback, ShouldStop
+from visco_core.progress import Check, ProgressCallback, ShouldStop
 from visco_core.result import Mesh, Outcome, Reconstruction
+from visco_core.rims import are_planes, straighten_rims
 
 LevelCallback = Callable[[Mesh, int], None]
 
@@ -66,13 +67,10 @@ def reconstruct(
     clock.check()
     points = points[order]
     clock.check()
-    if cloud.normals is not None:
-        normals = cloud.normals[order]
-    else:
-        from visco_core.normals import estimate_normals
-
+    normals = None if cloud.normals is None else cloud.normals[order]
+    if normals is None or are_planes(points, normals, backend.threads, clock.check):
         with clock.phase("normals"):
-            normals = estimate_normals(points, backend.threads, clock.check)
+            normals = _best_normals(points, normals, backend.threads, clock.check)
     settings = decide(config)
     if config.profile == "fast":
         with clock.phase("noise") as entry:
@@ -102,6 +100,17 @@ def reconstruct(
         entry.update(vertices=len(mesh.vertices), triangles=len(mesh.faces))
     backend_name = f"{backend.name} on {backend.device}"
     return Reconstruction(mesh, outcome, _report(settings, clock, outcome, frame, backend_name))
+
+
+def _best_normals(
+    points: np.ndarray, planes: np.ndarray | None, threads: int, check: Check
+) -> np.ndarray:
+    """Unit normals (P, 3) of points (P, 3) from nothing else, or from the ``planes`` of a scan."""
+    if planes is None:
+        from visco_core.normals import estimate_normals
+
+        planes = estimate_normals(points, threads, check)
+    return straighten_rims(points, planes, threads, check)
 
 
 def _report(

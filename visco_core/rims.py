@@ -1,0 +1,186 @@
+"""Normals at the rims of what was scanned, where planes through neighbours lean.
+
+A plane fitted to a point's neighbours has the surface's normal at their middle. Beside a hole, an
+occlusion or a crease the neighbours lie on one side, so there every such normal is the one from
+some way inside, and the surface is led into the hole at a wrong angle. A quadric follows the
+surface up to its rim.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from visco_core.neighbours import Neighbours
+from visco_core.progress import Check, never
+
+NEIGHBOURS = 128
+"""Points that a quadric is fitted through: beside the holes of scans that were put together from
+views, fewer tell of how the views differ."""
+
+POINTS = 100_000
+"""Neighbours in a larger scan are looked for among so many, so that quadrics still span some of the
+coarsest level's voxels."""
+
+ONE_SIDED = 0.2
+"""How far from a patch the middle of its neighbours lies at a rim, over their reach; weighted by
+their nearness it is 0.27 right at a straight one."""
+
+SAME_FACE = 0.5
+"""Least cosine between the normals of points on the same side of a crease or wall."""
+
+FEWEST = 12
+"""Points of the same face that tell twice over what a quadric's six terms are."""
+
+SAMPLES, PLANES = 400, range(6, 41)
+"""Points whose normals are compared with planes, and neighbours that planes are tried through."""
+
+APART, AS_ONE = 0.01, 0.1
+"""Least angle, in radians, by which a plane and one of double size differ where they can tell
+something, and the share of it within which a normal is the plane's."""
+
+PIECE = 2**11
+
+
+def are_planes(
+    points: np.ndarray, normals: np.ndarray, threads: int = -1, check: Check = never
+) -> bool:
+    """Whether unit normals (P, 3) were made by fitting planes to neighbours in ``points`` (P, 3).
+
+    Such normals say nothing that the points do not, so they may be replaced; a scanner's own may
+    not. Where planes of every size agree, on exact faces, nothing can be told.
+    """
+    if len(points) < 2 * PLANES.stop:
+        return False
+    step = max(len(points) // SAMPLES, 1)
+    near = Neighbours(points, threads, check).nearest(points[::step], 2 * PLANES.stop)[1]
+    around, given = points[near], normals[::step].astype(np.float64)
+    for count in PLANES:
+        check()
+        plane, wider = _plane(around[:, :count]), _plane(around[:, : 2 * count])
+        apart, usual = _sine(given, plane), _sine(plane, wider)
+        telling = usual > APART
+        if telling.mean() > AS_ONE and np.median(apart[telling] / usual[telling]) < AS_ONE:
+            return True
+    return False
+
+
+def _plane(around: np.ndarray) -> np.ndarray:
+    """Unit normals (S, 3), of either sign, of the planes through S neighbourhoods (S, K, 3)."""
+    away = around - around.mean(1, keepdims=True)
+    return np.linalg.eigh(np.einsum("ski,skj->sij", away, away))[1][:, :, 0]
+
+
+def _sine(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(np.cross(one, other), axis=1)
+
+
+def straighten_rims(
+    points: np.ndarray, normals: np.ndarray, threads: int = -1, check: Check = never
+) -> np.ndarray:
+    """``normals`` (P, 3) float32, unit, those at rims of ``points`` (P, 3) replaced by quadrics'.
+
+    A small patch is at a rim if the middle of its neighbours of the same face lies to one side.
+    """
+    among = np.arange(len(points))
+    if len(points) > POINTS:
+        among = np.sort(np.random.default_rng(0).choice(len(points), POINTS, replace=False))
+    count = min(NEIGHBOURS, len(among))
+    look_up = Neighbours(points[among], threads, check)
+    patch, middle, facing = _patches(points, normals, check)
+    fits = [np.empty((0, 6))]
+    frames = [np.empty((0, 3, 3))]
+    rims = [np.empty(0, np.int64)]
+    for start in range(0, len(middle), PIECE):
+        check()
+        part = slice(start, start + PIECE)
+        near = among[look_up.nearest(middle[part], count)[1]]
+        there, frame, fit = _quadrics(
+            points[near] - middle[part, None], normals[near], facing[part]
+        )
+        rims.append(start + there)
+        frames.append(frame)
+        fits.append(fit)
+    check()
+    return _along_quadrics(
+        points, normals, patch, middle, *map(np.concatenate, (rims, frames, fits))
+    )
+
+
+def _patches(
+    points: np.ndarray, normals: np.ndarray, check: Check
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points of a cell that face the same of six axes: the patch (P,) of each, middles, normals.
+
+    A cell holds some 20 points of a surface, or more where it would be finer than the coarsest
+    level's voxels. Middles (G, 3); unit normals (G, 3).
+    """
+    side = int(np.clip(np.sqrt(len(points) / 20), 4, 64))
+    scaled = (points - points.min(0)) / np.ptp(points, axis=0).max() * side
+    cell = np.minimum(scaled.astype(np.int64), side - 1)
+    axis = np.abs(normals).argmax(1)
+    ahead = np.take_along_axis(normals, axis[:, None], 1)[:, 0] > 0
+    key = ((cell[:, 0] * side + cell[:, 1]) * side + cell[:, 2]) * 6 + 2 * axis + ahead
+    check()
+    used = np.bincount(key, minlength=6 * side**3)
+    patch = (np.cumsum(used > 0) - 1)[key]
+    check()
+    counts = used[used > 0]
+    middle = np.stack([np.bincount(patch, values) / counts for values in points.T], 1)
+    check()
+    facing = np.stack([np.bincount(patch, values) for values in normals.T], 1)
+    return patch, middle, facing / np.linalg.norm(facing, axis=1, keepdims=True)
+
+
+def _quadrics(
+    away: np.ndarray, around: np.ndarray, facing: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which (R,) of the patches are at rims, their frames (R, 3, 3) and quadrics (R, 6) in these.
+
+    away (S, K, 3): neighbours seen from each middle, nearest first; around (S, K, 3): their
+    normals; facing (S, 3). The columns of a frame are two tangents and the normal; a quadric is
+    its height over 1, x, y, x², xy and y².
+    """
+    same = np.einsum("ski,si->sk", around, facing) > SAME_FACE
+    squared = np.einsum("ski,ski->sk", away, away)
+    reach = np.max(squared * same, axis=1, initial=1e-30)
+    weight = same * (1 - np.minimum(squared / reach[:, None], 1))
+    aside = np.einsum("sk,ski->si", weight, away) / np.maximum(weight.sum(1), 1e-9)[:, None]
+    aside -= np.einsum("si,si->s", aside, facing)[:, None] * facing
+    one_sided = np.square(aside).sum(1) > ONE_SIDED**2 * reach
+    there = np.flatnonzero(one_sided & (same.sum(1) >= FEWEST))
+    weight, reach = weight[there], np.sqrt(reach[there])
+    up = np.einsum("sk,ski->si", weight, around[there])
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    right = np.cross(up, np.eye(3)[np.abs(up).argmin(1)])
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    frame = np.stack([right, np.cross(up, right), up], 2)
+    x, y, z = np.moveaxis(away[there] @ frame / reach[:, None, None], 2, 0)
+    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], 2)
+    weighted = np.swapaxes(basis * weight[..., None], 1, 2)
+    square = weighted @ basis + 1e-9 * weight.sum(1)[:, None, None] * np.eye(6)
+    fit = np.linalg.solve(square, weighted @ z[..., None])[..., 0]
+    fit[:, 3:] /= reach[:, None]
+    return there, frame, fit
+
+
+def _along_quadrics(
+    points: np.ndarray,
+    normals: np.ndarray,
+    patch: np.ndarray,
+    middle: np.ndarray,
+    rims: np.ndarray,
+    frames: np.ndarray,
+    fits: np.ndarray,
+) -> np.ndarray:
+    """``normals``, but on the patches ``rims`` (R,) those of the patch's quadric at each point."""
+    order = np.full(len(middle), -1)
+    order[rims] = np.arange(len(rims))
+    changed = np.flatnonzero(order[patch] >= 0)
+    quadric = order[patch[changed]]
+    frame, (_, a, b, aa, ab, bb) = frames[quadric], fits[quadric].T
+    place = np.einsum("pi,pij->jp", points[changed] - middle[patch[changed]], frame)
+    slope = [-a - 2 * aa * place[0] - ab * place[1], -b - ab * place[0] - 2 * bb * place[1]]
+    upward = np.einsum("pij,jp->pi", frame, np.stack([*slope, np.ones_like(a)]))
+    straight = normals.copy()
+    straight[changed] = upward / np.linalg.norm(upward, axis=1, keepdims=True)
+    return straight
