@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -25,6 +26,7 @@ _BAD_NORMALS_TOLERATED = 0.5
 _LONELY, _FEWEST_LONELY, _MOSTLY_OFF = 0.15, 5, 0.9
 _NEIGHBOURS = 12
 _FAR, _OFF_SURFACE = 1.5, 0.3
+_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,8 @@ def clean_points(
     """The points that a surface can be made of, in their order, with unit normals or none.
 
     Drops points that are not finite (or beyond 1e100), merges exact duplicates (normals are added
-    up, the first colour and scalars stay) and drops what ``find_strays`` and, where there are
-    normals, ``find_scattered`` find. Coordinates are never changed. Missing normals, zero or not
+    up, the first colour and scalars stay) and drops what ``find_strays`` and ``find_scattered``
+    find. Coordinates are never changed. Missing normals, zero or not
     finite, are taken from the nearest point that has one; if more than half are missing, all are
     left out, as they are unless ``normals`` is ``use``.
 
@@ -106,11 +108,9 @@ def clean_points(
     _require_surface(kept.points)
     check()
     kept, filled = _unit_normals(kept, threads, check)
-    scattered = 0
-    if kept.normals is not None:
-        between = find_scattered(kept.points, kept.normals, threads, check)
-        scattered = int(between.sum())
-        kept = kept.select(~between) if scattered else kept
+    between = find_scattered(kept.points, kept.normals, threads, check)
+    scattered = int(between.sum())
+    kept = kept.select(~between) if scattered else kept
     report = CleaningReport(
         read=read,
         kept=len(kept),
@@ -147,65 +147,113 @@ def find_strays(points: np.ndarray) -> np.ndarray:
     cells of size r, and touching cells that together hold 10 of them, or 0.01 % of the scan if that
     is more, are a body and stay, however far away. Below 20 points nothing is a stray.
     """
-    count = len(points)
-    strays = np.zeros(count, bool)
+    strays = np.zeros(len(points), bool)
+    far, middle, radius = _far_away(points)
+    if len(far):
+        with np.errstate(over="ignore"):
+            cells = np.floor(np.clip((points[far] - middle) / radius, -1e15, 1e15))
+        sizes = _group_sizes(cells.astype(np.int64))
+        strays[far] = sizes < max(_LEAST_BODY, _BODY_SHARE * len(points))
+    return strays
+
+
+def _far_away(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Indices of the points farther than 10 r from the median, the median (3,), and r."""
+    count, middle = len(points), np.median(points, axis=0)
+    none = np.empty(0, np.int64)
     if count < _LEAST_POINTS_FOR_STRAYS:
-        return strays
-    middle = np.median(points, axis=0)
+        return none, middle, 0.0
     with np.errstate(over="ignore"):
         distances = np.abs(points[:, 0] - middle[0])
         for axis in (1, 2):
             np.maximum(distances, np.abs(points[:, axis] - middle[axis]), out=distances)
     inner = count - 1 - max(1, int(_STRAY_SHARE * count))
-    radius = np.partition(distances, inner)[inner]
+    radius = float(np.partition(distances, inner)[inner])
     with np.errstate(over="ignore"):
         far = np.flatnonzero(distances > _STRAY_DISTANCE * radius)
-    if radius <= 0 or not len(far):
-        return strays
-    with np.errstate(over="ignore"):
-        cells = np.floor(np.clip((points[far] - middle) / radius, -1e15, 1e15)).astype(np.int64)
-    strays[far] = _group_sizes(cells) < max(_LEAST_BODY, _BODY_SHARE * count)
-    return strays
+    return (far if radius > 0 else none), middle, radius
 
 
 def find_scattered(
-    points: np.ndarray, normals: np.ndarray, threads: int = -1, check: Check = never
+    points: np.ndarray,
+    normals: np.ndarray | None = None,
+    threads: int = -1,
+    check: Check = never,
 ) -> np.ndarray:
     """(P,) bool: points in the space between surfaces, where a scanner's noise has put them.
 
-    points (P, 3), finite and distinct; normals (P, 3), unit, of either side. A point is off the
-    surface if half of its 12 nearest lie more than 17° (sine 0.3) off its own plane, or it off
-    theirs. Scans are left alone unless five points or more lie in lonely places, which coarse cells
-    tell, and nine in ten of these are off the surface: elsewhere the scan is only sparse. Then all
-    points go that are off, and 1.5 times farther from their 12 nearest than is usual.
+    points (P, 3), finite and distinct; normals (P, 3), unit, of either side, or None for those of
+    planes through neighbours. A point is off the surface if half of its 12 nearest lie more than
+    17° (sine 0.3) off its own plane, or it off theirs. Scans are left alone unless five points or
+    more lie in lonely places, which coarse cells tell, and nine in ten of these are off the
+    surface: elsewhere the scan is only sparse. Then all points go that are off, and 1.5 times
+    farther from their 12 nearest than is usual. What is left is looked at again, up to three times
+    in all: among many such points some look like a surface until the others are gone. A body so far
+    away that ``find_strays`` has judged it is left alone.
     """
     scattered = np.zeros(len(points), bool)
+    bodies = _far_away(points)[0]
+    for _ in range(_ROUNDS):
+        kept = np.flatnonzero(~scattered)
+        known = bool(scattered.any())
+        left = None if normals is None else normals[kept]
+        found = _off_and_far(points[kept], left, known, threads, check)
+        if not len(found):
+            break
+        scattered[kept[found]] = True
+        scattered[bodies] = False
+    return scattered
+
+
+def _off_and_far(
+    points: np.ndarray, normals: np.ndarray | None, known: bool, threads: int, check: Check
+) -> np.ndarray:
+    """Indices of what one look finds; ``known``: the scan has such points, an earlier one found."""
+    none = np.empty(0, np.int64)
     if len(points) <= _NEIGHBOURS:
-        return scattered
+        return none
     around = _count_around(points)
     lonely = np.flatnonzero(around < _LONELY * np.median(around))
     if len(lonely) < _FEWEST_LONELY:
-        return scattered
+        return none
     from visco_core.neighbours import Neighbours
 
     look_up = Neighbours(points, threads, check)
+    planes = _planes(points, normals, threads, check)
 
     def off_surface(chosen: np.ndarray) -> np.ndarray:
         distance, near = (
             found[:, 1:] for found in look_up.nearest(points[chosen], _NEIGHBOURS + 1)
         )
         offset = points[near] - points[chosen, None]
+        both = planes(np.column_stack([near, chosen]))
         sines = [
-            np.abs((offset * plane).sum(2)) / distance
-            for plane in (normals[near], normals[chosen, None])
+            np.abs((offset * plane).sum(2)) / distance for plane in (both[:, :-1], both[:, -1:])
         ]
         return np.max([np.median(sine, axis=1) for sine in sines], axis=0) > _OFF_SURFACE
 
-    if off_surface(lonely).mean() > _MOSTLY_OFF:
-        reach = look_up.nearest(points, _NEIGHBOURS + 1)[0][:, -1]
-        far = np.flatnonzero(reach > _FAR * np.median(reach))
-        scattered[far] = off_surface(far)
-    return scattered
+    if not known and off_surface(lonely).mean() <= _MOSTLY_OFF:
+        return none
+    reach = look_up.nearest(points, _NEIGHBOURS + 1)[0][:, -1]
+    far = np.flatnonzero(reach > _FAR * np.median(reach))
+    return far[off_surface(far)]
+
+
+def _planes(
+    points: np.ndarray, normals: np.ndarray | None, threads: int, check: Check
+) -> Callable[[np.ndarray], np.ndarray]:
+    """What gives the planes' normals (..., 3) of points by their indices, estimated if need be."""
+    if normals is not None:
+        return lambda indices: normals[indices]
+    from visco_core.normals import plane_finder
+
+    planes_at = plane_finder(points, threads, check)
+
+    def estimated(indices: np.ndarray) -> np.ndarray:
+        needed, place = np.unique(indices, return_inverse=True)
+        return planes_at(points[needed])[place.reshape(indices.shape)]
+
+    return estimated
 
 
 def _count_around(points: np.ndarray) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from visco_core.neighbours import Neighbours
@@ -36,17 +38,46 @@ def estimate_normals(points: np.ndarray, threads: int = -1, check: Check = never
 
     On an open sheet, which has no inside, all lie on one side.
     """
-    points = points - points.mean(0)
-    points /= np.ptp(points, axis=0).max()
+    points, _ = _framed(points)
     thinned = _thinned(points, threads, check)
-    directions = np.empty_like(points)
-    for start in range(0, len(points), PIECE):
-        check()
-        part = slice(start, start + PIECE)
-        directions[part] = _planes(points, points[part], *thinned[-1])[0]
+    directions = _directions(points, points, thinned[-1], check)
     chosen, neighbours = thinned[max(len(thinned) - 1 - LINKS_THINNED, 0)]
     signs = outward_signs(points, directions, chosen, neighbours, threads, check)
     return (directions * signs[:, None]).astype(np.float32)
+
+
+def plane_finder(
+    points: np.ndarray, threads: int = -1, check: Check = never
+) -> Callable[[np.ndarray], np.ndarray]:
+    """What gives for places (Q, 3) the unit normals (Q, 3), of either sign, of the planes there.
+
+    The planes are those through the nearest of ``points`` (P, 3).
+    """
+    framed, into_frame = _framed(points)
+    widest = _thinned(framed, threads, check)[-1]
+    return lambda places: _directions(framed, into_frame(places), widest, check)
+
+
+def _framed(points: np.ndarray) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
+    """``points`` (P, 3) around the origin, their longest side 1, and what moves others there."""
+    middle, side = points.mean(0), np.ptp(points, axis=0).max()
+
+    def into_frame(places: np.ndarray) -> np.ndarray:
+        return (places - middle) / side
+
+    return into_frame(points), into_frame
+
+
+def _directions(
+    points: np.ndarray, places: np.ndarray, among: tuple[np.ndarray, Neighbours], check: Check
+) -> np.ndarray:
+    """Unit normals (Q, 3), of either sign, at ``places`` (Q, 3), in pieces."""
+    directions = np.empty_like(places)
+    for start in range(0, len(places), PIECE):
+        check()
+        part = slice(start, start + PIECE)
+        directions[part] = _planes(points, places[part], *among)[0]
+    return directions
 
 
 def _thinned(points: np.ndarray, threads: int, check: Check) -> list[tuple[np.ndarray, Neighbours]]:

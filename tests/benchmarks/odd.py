@@ -102,6 +102,10 @@ def _damaged(meshes: Path | None) -> dict[str, Recipe]:
         "good": recipe(lambda cloud: cloud),
         "flipped-30": recipe(lambda cloud: gallery.flip_normals(cloud, 0.3)),
         "outliers-5": recipe(lambda cloud: gallery.add_outliers(cloud, 0.05)),
+        "outliers-20": recipe(lambda cloud: gallery.add_outliers(cloud, 0.2)),
+        "outliers-5-no-normals": recipe(
+            lambda cloud: PointCloud(gallery.add_outliers(cloud, 0.05).points)
+        ),
         "density-100x": recipe(lambda cloud: gallery.vary_density(cloud, 100.0)),
         "no-normals": recipe(lambda cloud: PointCloud(cloud.points)),
     }

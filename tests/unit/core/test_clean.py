@@ -180,6 +180,31 @@ def test_points_scattered_between_surfaces_are_dropped_and_the_surface_is_kept(s
     assert len(lost) < 20
 
 
+@pytest.mark.parametrize("shape", ["octopus", "bracket"])
+def test_points_scattered_between_surfaces_are_dropped_without_normals_too(shape: str) -> None:
+    surface = uniform_scan(SHAPES[shape](), 20_000, noise=0.001)
+    kept, report = clean_points(PointCloud(add_outliers(surface, 0.05).points))
+    assert report.scattered > 850
+    lost = set(map(tuple, surface.points)) - set(map(tuple, kept.points))
+    assert len(lost) < 20
+
+
+def test_what_hides_among_other_scattered_points_is_found_when_they_are_gone() -> None:
+    octopus = SHAPES["octopus"]()
+    cloud = add_outliers(uniform_scan(octopus, 20_000), 0.2)
+    off = np.abs(octopus.sdf(cloud.points[20_000:])) > 0.03 * octopus.diagonal
+    left = clean_points(PointCloud(cloud.points))[0].points
+    missed = set(map(tuple, left)) & set(map(tuple, cloud.points[20_000:][off]))
+    assert len(missed) < 0.02 * off.sum()
+
+
+@pytest.mark.parametrize("shape", ["octopus", "thin_plate"])
+def test_sparse_surface_is_kept_without_normals_too(shape: str) -> None:
+    surface = uniform_scan(SHAPES[shape](), 20_000, noise=0.001)
+    cloud = vary_density(surface, 100.0)
+    assert clean_points(PointCloud(cloud.points))[1].scattered == 0
+
+
 @pytest.mark.parametrize("shape", ["sphere", "octopus", "bracket", "thin_plate"])
 def test_no_point_of_a_surface_is_scattered_however_noisy_or_badly_oriented(shape: str) -> None:
     cloud = flip_normals(uniform_scan(SHAPES[shape](), 20_000, noise=0.005), 0.3)
