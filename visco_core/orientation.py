@@ -62,6 +62,13 @@ points are apart."""
 CLEARLY = 0.8
 """Looser holds win where they leave less than this of the misfit."""
 
+OUTVOTED = 0.3
+"""A point whose neighbours speak against its side with more than this share of what they can say
+turns; those that contradict each other say too little."""
+
+VOTES = 2
+"""How often the points are asked, each time of the sides that the last vote left."""
+
 RIDGE = 1e-3
 """Share of the mean eigenvalue that pulls towards the grouping's own sides."""
 
@@ -125,7 +132,8 @@ def outward_signs(
     area = (area * shares * len(chosen) / sampled)[patch[picked]]
     oriented = directions[picked] * signs[picked, None]
     winding = _winding(points[picked], oriented, area, sampled, check)
-    return signs * _sides(winding, coupling, shares, check)[patch]
+    signs = signs * _sides(winding, coupling, shares, check)[patch]
+    return _voted(signs, source, target, agreement)
 
 
 def _joined(
@@ -315,6 +323,21 @@ def _sides(
     for other in looser:
         free = other if other[0] < CLEARLY * free[0] else free
     return free[2] if free[0] < min(CLOSED, whole[0]) else whole[2]
+
+
+def _voted(
+    signs: np.ndarray, source: np.ndarray, target: np.ndarray, agreement: np.ndarray
+) -> np.ndarray:
+    """``signs`` (P,) ±1, less those that neighbours clearly contradict; agreement (E,) of edges.
+
+    Patches turn as a whole, but between close walls a few points have joined the other wall's, and
+    each of them opens a gap in a wall that few points hold.
+    """
+    most = OUTVOTED * np.bincount(source, np.abs(agreement), len(signs))
+    for _ in range(VOTES):
+        support = signs * np.bincount(source, agreement * signs[target], len(signs))
+        signs = np.where(support < -most, -signs, signs)
+    return signs
 
 
 @dataclass(frozen=True)

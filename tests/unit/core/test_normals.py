@@ -123,6 +123,14 @@ def test_patches_of_a_plate_that_noise_has_grouped_wrongly_turn_each_for_itself(
     assert (degrees_off(estimate_normals(cloud.points), cloud.normals) > 90).mean() < 0.05
 
 
+def test_points_that_have_joined_the_other_walls_patch_are_outvoted() -> None:
+    outer = uniform_scan(sphere(1.0), 2600, noise=0.002, seed=2)
+    inner = uniform_scan(sphere(0.95), 2400, noise=0.002, seed=3)
+    found = estimate_normals(np.concatenate([outer.points, inner.points]))
+    exact = np.concatenate([outer.normals, -inner.normals])
+    assert (degrees_off(found, exact) > 90).mean() < 0.009
+
+
 def test_noise_coarser_than_the_points_distance_is_seen_through() -> None:
     cloud = uniform_scan(sphere(), 50_000, noise=0.005)
     off = degrees_off(estimate_normals(cloud.points), cloud.normals)
