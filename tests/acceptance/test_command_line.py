@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,14 @@ def test_the_picture_shows_something(reconstructed: Path) -> None:
 
     with Image.open(reconstructed / "picture.png") as picture:
         assert np.asarray(picture)[..., :3].std() > 20
+
+
+def test_the_budget_runs_from_when_the_process_began() -> None:
+    asked = "from visco_core.commands.reconstruct import _process_start as s; print(s())"
+    before = time.monotonic()
+    began = float(subprocess.run([sys.executable, "-c", asked], capture_output=True).stdout)
+    tick = 0.01
+    assert before - tick <= began <= time.monotonic()
 
 
 def test_the_report_tells_settings_phases_losses_outcome_and_backend(reconstructed: Path) -> None:
