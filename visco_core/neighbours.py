@@ -57,5 +57,7 @@ class Neighbours:
 
     def _run(self, function, *arguments) -> None:
         before = set_threads(self._threads)
-        function(*arguments)
-        set_threads(before)
+        try:
+            function(*arguments)
+        finally:
+            set_threads(before)
