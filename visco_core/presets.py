@@ -92,7 +92,9 @@ PAPER_PRUNE = {30: 12.0, 21: 12.0, 15: 6.0, 8: 6.0}
 FAST_OUTER_STEPS, FAST_INNER_STEPS, FAST_BAND_WIDTH = (4, 2), (30, 30), 4.0
 
 
-def weights_for_noise(noise: Noise, points: int, resolutions: list[int]) -> tuple[Weights, ...]:
+def weights_for_noise(
+    noise: Noise, points: int, resolutions: list[int], *, derived: bool = False
+) -> tuple[Weights, ...]:
     """The weights of the profile ``fast`` on each level for a scan's noise in units of the cube.
 
     Maximum a posteriori: m points of variance σ² and normals of variance σn² weigh λp/m : λn/m as
@@ -103,6 +105,9 @@ def weights_for_noise(noise: Noise, points: int, resolutions: list[int]) -> tupl
     where σ² is the noise and what the level's voxels add to it, and σn² the scatter of the normals
     and the error that neighbours share. The second term of 1/λv is the surface's own detail, which
     the prior would smooth away however little the points say.
+
+    ``derived`` normals were computed from the points. They repeat what these say, errors included,
+    so they count on the coarsest level alone.
     """
     base = FAST_WEIGHTS
     normal_variance = noise.normal**2 + SHARED_NORMAL_ERROR**2
@@ -111,6 +116,8 @@ def weights_for_noise(noise: Noise, points: int, resolutions: list[int]) -> tupl
         voxel = (VOXEL_ERROR / resolution) ** 2
         for_normals = voxel * (VOXEL_ERROR_OF_NORMALS if level else 1)
         normal = base.point * (noise.position**2 + for_normals) / normal_variance
+        if derived and level:
+            normal = 0.0
         viscosity = VISCOSITY_PER_VARIANCE * (noise.position**2 + voxel) / points
         viscosity /= 1 + viscosity / FIRMEST_VISCOSITY
         return replace(base, normal=min(normal, 1e-3), viscosity=viscosity)

@@ -68,7 +68,8 @@ def reconstruct(
     points = points[order]
     clock.check()
     normals = None if cloud.normals is None else cloud.normals[order]
-    if normals is None or are_planes(points, normals, backend.threads, clock.check):
+    derived = normals is None or are_planes(points, normals, backend.threads, clock.check)
+    if normals is None or derived:
         with clock.phase("normals"):
             normals = _best_normals(points, normals, backend.threads, clock.check)
     settings = decide(config)
@@ -77,7 +78,8 @@ def reconstruct(
             noise = estimate_noise(points, normals, config.seed, backend.threads, clock.check)
             entry.update(position=noise.position * frame.scale, normal_radians=noise.normal)
         resolutions = plan_resolutions(config.resolution)
-        settings = decide(config, weights_for_noise(noise, len(points), resolutions))
+        weights = weights_for_noise(noise, len(points), resolutions, derived=derived)
+        settings = decide(config, weights)
     fitted = None if config.normals == "ignore" else normals
     problem = Problem(points, normals, fitted, settings)
 

@@ -366,7 +366,9 @@ def test_a_corner_that_no_point_saw_is_sharper_than_at_the_asked_epsilon(
     )
 
     def error() -> float:
-        level, _ = solve_levels(native_backend, Problem(points, normals, normals, chosen), new_clock())
+        level, _ = solve_levels(
+            native_backend, Problem(points, normals, normals, chosen), new_clock()
+        )
         vertices = (extract_isosurface(level.grid, level.values).vertices - 0.5) / scale
         unseen = np.linalg.norm(vertices - corner, axis=1) < 0.12 / scale
         return float(np.abs(shape.sdf(vertices[unseen])).mean())

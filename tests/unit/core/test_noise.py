@@ -85,6 +85,14 @@ def test_normals_weigh_against_points_as_their_variances_say() -> None:
     assert weights.normal / weights.point == pytest.approx(0.01**2 / variance, rel=1e-3)
 
 
+def test_normals_made_from_the_points_count_on_the_coarsest_level_alone() -> None:
+    noise, resolutions = Noise(0.001, 0.2), [64, 128, 256]
+    given = weights_for_noise(noise, 100_000, resolutions)
+    made = weights_for_noise(noise, 100_000, resolutions, derived=True)
+    assert [weights.normal for weights in made] == [given[0].normal, 0, 0]
+    assert [weights.viscosity for weights in made] == [weights.viscosity for weights in given]
+
+
 def test_an_exact_scan_still_gets_the_smoothing_of_a_voxel() -> None:
     for weights in weights_for_noise(Noise(0.0, 0.0), 100_000, [64, 128, 256]):
         assert 0 < weights.viscosity < 1e-4
