@@ -124,3 +124,11 @@ def test_the_worth_of_confidence_is_told_in_tenths(data: Path) -> None:
     assert len(confidence) == len(error) == 10
     assert confidence == sorted(confidence)
     assert 0 < max(error) < 5
+
+
+def test_the_profile_fast_ends_at_the_energy_of_a_plain_solver(tmp_path: Path) -> None:
+    printed = run_benchmark("convergence", "--scans", "bracket", "--work", str(tmp_path))
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in printed.splitlines()]
+    at_the_end = {row[0]: float(row[5]) for row in rows if row and " × " in row[0]}
+    assert len(at_the_end) > 5
+    assert at_the_end["BPX, 8ε to ε, 4 × 4 × 30"] < 1.001 * at_the_end["diagonal, 60 × 40"]
