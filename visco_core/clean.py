@@ -13,6 +13,7 @@ from visco_core.equal_rows import first_of_equals
 from visco_core.errors import InputError
 from visco_core.pointcloud import PointCloud
 from visco_core.progress import Check, never
+from visco_core.sides import wrong_sides
 
 _STRAY_SHARE = 0.01
 _STRAY_DISTANCE = 10.0
@@ -35,7 +36,8 @@ class CleaningReport:
 
     ``filled_normals`` were missing and taken from the nearest point that has one;
     ``rescaled_normals`` were more than one percent longer or shorter than 1;
-    ``dropped_normals``: so many were missing that all were left out.
+    ``turned_normals`` pointed to the wrong side; ``dropped_normals``: so many were missing that all
+    were left out.
     """
 
     read: int
@@ -46,6 +48,7 @@ class CleaningReport:
     scattered: int = 0
     filled_normals: int = 0
     rescaled_normals: int = 0
+    turned_normals: int = 0
     dropped_normals: bool = False
 
     @property
@@ -62,6 +65,11 @@ class CleaningReport:
         sentences = [
             f"{what}: {count:,} of {self.read:,}." for what, count in told.items() if count
         ]
+        if self.turned_normals:
+            sentences.append(
+                f"Normals turned that pointed to the wrong side: {self.turned_normals:,} of "
+                f"{self.read:,}; normals=keep leaves them as they are."
+            )
         if self.dropped_normals:
             sentences.append("Most normals are zero or not finite, so all were left out.")
         return sentences
@@ -70,7 +78,7 @@ class CleaningReport:
 def clean_points(
     cloud: PointCloud,
     *,
-    normals: Literal["use", "estimate", "ignore"] = "use",
+    normals: Literal["use", "keep", "estimate", "ignore"] = "use",
     threads: int = -1,
     check: Check = never,
 ) -> tuple[PointCloud, CleaningReport]:
@@ -80,7 +88,8 @@ def clean_points(
     up, the first colour and scalars stay) and drops what ``find_strays`` and ``find_scattered``
     find. Coordinates are never changed. Missing normals, zero or not
     finite, are taken from the nearest point that has one; if more than half are missing, all are
-    left out, as they are unless ``normals`` is ``use``.
+    left out, as they are where ``normals`` is ``estimate`` or ``ignore``. ``use`` turns those that
+    ``wrong_sides`` finds.
 
     Raises InputError: ``no_points`` where no point is finite, ``too_few_points`` below four
     distinct ones, ``collinear_points`` where all lie on one line.
@@ -93,7 +102,7 @@ def clean_points(
         raise InputError(
             "no_points", "No point of the scan has finite coordinates; export the scan again."
         )
-    if normals != "use" or cloud.normals is None:
+    if normals not in ("use", "keep") or cloud.normals is None:
         cloud, lengths = _with_normals(cloud, None), None
     else:
         cloud, lengths = _with_finite_normals(cloud, cloud.normals)
@@ -111,6 +120,12 @@ def clean_points(
     between = find_scattered(kept.points, kept.normals, threads, check)
     scattered = int(between.sum())
     kept = kept.select(~between) if scattered else kept
+    turned = 0
+    if normals == "use" and kept.normals is not None:
+        wrong = wrong_sides(kept.points, kept.normals, threads, check)
+        turned = int(wrong.sum())
+        if turned:
+            kept = _with_normals(kept, np.where(wrong[:, None], -kept.normals, kept.normals))
     report = CleaningReport(
         read=read,
         kept=len(kept),
@@ -120,6 +135,7 @@ def clean_points(
         scattered=scattered,
         filled_normals=filled,
         rescaled_normals=rescaled if kept.normals is not None else 0,
+        turned_normals=turned,
         dropped_normals=cloud.normals is not None and kept.normals is None,
     )
     return kept, report

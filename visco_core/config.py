@@ -178,10 +178,11 @@ class ReconstructionConfig(_Checked):
     profile: Profile = option(
         "fast", "fast: Gauss-Newton in seconds; paper: Adam as published.", expert=False
     )
-    normals: Literal["use", "estimate", "ignore"] = option(
+    normals: Literal["use", "keep", "estimate", "ignore"] = option(
         "use",
-        "use: the scan's normals, estimated where it has none; estimate: always estimate; "
-        "ignore: estimate for the start only and fit points alone.",
+        "use: the scan's normals, turned where their sides are clearly wrong, estimated where it "
+        "has none; keep: the same, but never turned; estimate: always estimate; ignore: estimate "
+        "for the start only and fit points alone.",
         expert=False,
     )
     trim: float | None = option(

@@ -41,9 +41,27 @@ def estimate_normals(points: np.ndarray, threads: int = -1, check: Check = never
     points, _ = _framed(points)
     thinned = _thinned(points, threads, check)
     directions = _directions(points, points, thinned[-1], check)
-    chosen, neighbours = thinned[max(len(thinned) - 1 - LINKS_THINNED, 0)]
-    signs = outward_signs(points, directions, chosen, neighbours, threads, check)
+    signs = _outward(points, directions, thinned, threads, check)
     return (directions * signs[:, None]).astype(np.float32)
+
+
+def outward_sides(
+    points: np.ndarray, directions: np.ndarray, threads: int = -1, check: Check = never
+) -> np.ndarray:
+    """(P,) ±1 that turn the unit ``directions`` (P, 3) at ``points`` (P, 3) outward."""
+    points, _ = _framed(points)
+    return _outward(points, directions, _thinned(points, threads, check), threads, check)
+
+
+def _outward(
+    points: np.ndarray,
+    directions: np.ndarray,
+    thinned: list[tuple[np.ndarray, Neighbours]],
+    threads: int,
+    check: Check,
+) -> np.ndarray:
+    chosen, neighbours = thinned[max(len(thinned) - 1 - LINKS_THINNED, 0)]
+    return outward_signs(points, directions, chosen, neighbours, threads, check)
 
 
 def plane_finder(

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.linalg import LinearOperator, cg
 
+from visco_core.facing import CLOSED, DENSITIES, SOFTENING, disc_areas, side_agreement
 from visco_core.neighbours import Neighbours
 from visco_core.progress import Check, never
 
@@ -40,20 +41,8 @@ NEIGHBOURS = 16
 NEAR_SITES = 4
 """A point joins one of so many nearest sites: the one that lies in its plane."""
 
-LATERAL = 0.2
-"""Sine of the angle out of a point's plane at which a neighbour counts 1/e of one within."""
-
-LOOSE = 1e-3
-"""Weight of a neighbour out of the plane, as far as the grouping goes: a last resort."""
-
 CHAIN = 1e-9
 """Weight of the link from each site to the next one; it only limits the number of patches."""
-
-DENSITIES = (0.7, 1.0, 1.4, 2.0)
-"""The factors f that are tried."""
-
-CLOSED = 0.07
-"""A scan whose winding numbers miss ½ by more than the square root of this is open."""
 
 HOLDS = (1.0, 0.1)
 """How firmly patches are held to their neighbours, which mislead where a wall is thinner than its
@@ -71,9 +60,6 @@ VOTES = 2
 
 RIDGE = 1e-3
 """Share of the mean eigenvalue that pulls towards the grouping's own sides."""
-
-SOFTENING = 0.4
-"""Radius within which a sample's pull on others is bounded, in square roots of its area."""
 
 PIECE = 65536
 """How many points are worked on between two questions whether to stop."""
@@ -101,7 +87,7 @@ def outward_signs(
     apart = source != target
     source, target = source[apart], target[apart]
     check()
-    grouping, agreement = _agreement(points, directions, source, target)
+    grouping, agreement = side_agreement(points, directions, source, target)
     check()
     patch_of_site, turn = _grouped(
         np.append(site[source], np.arange(len(sites) - 1)),
@@ -121,7 +107,7 @@ def outward_signs(
     )
     check()
     # Every site is a source, so no patch is without.
-    area = _areas(points, directions, sources, around)
+    area = disc_areas(points, directions, sources, around)
     area = np.bincount(patch[sources], area, count) / np.bincount(patch[sources], minlength=count)
     shares = np.bincount(patch, minlength=count) / len(points)
     picked = random.permutation(sources)[:SAMPLES]
@@ -147,47 +133,15 @@ def _joined(
         check()
         part = np.arange(start, min(start + PIECE, count))
         around = among_sites.nearest(points[part], near)[1]
-        agreement = _agreement(points, directions, np.repeat(part, near), sites[around].ravel())[0]
+        agreement = side_agreement(
+            points, directions, np.repeat(part, near), sites[around].ravel()
+        )[0]
         agreement = agreement.reshape(-1, near)
         best = np.abs(agreement).argmax(1)[:, None]
         site[part] = np.take_along_axis(around, best, 1)[:, 0]
         signs[part] = np.where(np.take_along_axis(agreement, best, 1)[:, 0] < 0, -1.0, 1.0)
     site[sites], signs[sites] = np.arange(len(sites)), 1.0
     return site, signs
-
-
-def _agreement(
-    points: np.ndarray, directions: np.ndarray, source: np.ndarray, target: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """How far two directions lie on one side, −1 to 1: for the grouping (E,), for the solve (E,).
-
-    The second is n·m', m' being the other direction mirrored in the plane between the points: the
-    normals of a sphere agree fully at any distance. Between parallel walls, where both planes rise
-    alike towards the other point, it says nothing, and fades as that rise grows. The first is n·m,
-    and fades for any neighbour out of the plane.
-    """
-    apart = points[target] - points[source]
-    apart /= np.maximum(np.sqrt(np.einsum("ei,ei->e", apart, apart)), 1e-300)[:, None]
-    first, second = directions[source], directions[target]
-    rise, other = np.einsum("ei,ei->e", first, apart), np.einsum("ei,ei->e", second, apart)
-    alike = np.einsum("ei,ei->e", first, second)
-    steep, both = np.maximum(rise**2, other**2), rise * other
-    within = np.maximum(np.exp(-steep / LATERAL**2), LOOSE)
-    apart_alike = np.exp(-np.maximum(alike * both, 0) / LATERAL**2)
-    return within * alike, apart_alike * (alike - 2 * both)
-
-
-def _areas(
-    points: np.ndarray, directions: np.ndarray, sources: np.ndarray, around: np.ndarray
-) -> np.ndarray:
-    """The surface (S,) that each source stands for, from how far its neighbours lie in its plane.
-
-    Of k neighbours in a disc of K points the mean squared distance is half the squared radius.
-    """
-    apart = points[around[:, 1:]] - points[sources, None]
-    height = np.einsum("ski,si->sk", apart, directions[sources])
-    spread = (np.einsum("ski,ski->sk", apart, apart) - height**2).mean(1)
-    return 2 * np.pi * spread / (around.shape[1] - 0.5)
 
 
 def _coupling(pair: np.ndarray, agreement: np.ndarray, count: int) -> np.ndarray:

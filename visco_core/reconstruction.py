@@ -23,6 +23,7 @@ from visco_core.pointcloud import PointCloud
 from visco_core.postprocess import finish_mesh, with_confidence
 from visco_core.presets import Settings, decide, weights_for_noise
 from visco_core.progress import Check, ProgressCallback, ShouldStop
+from visco_core.remarks import remarks
 from visco_core.result import Mesh, Outcome, Reconstruction
 from visco_core.rims import are_planes, straighten_rims
 
@@ -98,7 +99,10 @@ def reconstruct(
         mesh = finish_mesh(surface(level), cloud, config, backend.threads, clock.check)
         placed = replace(mesh, vertices=frame.to_cube(mesh.vertices))
         scan = points, normals, level.grid.resolution
-        mesh = with_confidence(mesh, confidence(placed, *scan, backend, clock.check))
+        sure = confidence(placed, *scan, backend, clock.check)
+        if config.trim is None:
+            entry["notes"] = remarks(mesh, sure, cloud.points, backend.threads, clock.check)
+        mesh = with_confidence(mesh, sure)
         entry.update(vertices=len(mesh.vertices), triangles=len(mesh.faces))
     backend_name = f"{backend.name} on {backend.device}"
     return Reconstruction(mesh, outcome, _report(settings, clock, outcome, frame, backend_name))

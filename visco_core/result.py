@@ -46,3 +46,8 @@ class Reconstruction:
     mesh: Mesh
     outcome: Outcome
     report: Mapping[str, Any]
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences for the scan's owner: what was cleaned away, and what is odd about the mesh."""
+        return [note for phase in self.report["phases"] for note in phase.get("notes", ())]

@@ -135,7 +135,7 @@ class _Attempt:
             "outcome": dataclasses.asdict(done.outcome),
             "vertices": len(done.mesh.vertices),
             "faces": len(done.mesh.faces),
-            "notes": notes,
+            "notes": [*notes, *done.notes],
         }
 
     def _fetch(self) -> Path:

@@ -79,6 +79,8 @@ def run(args: argparse.Namespace) -> int:
         print(
             f"{args.output}: {triangles:,} triangles in {seconds:.1f} s. {result.outcome.message}"
         )
+        for note in result.notes:
+            print(f"visco: {note}", file=sys.stderr)
     return 0
 
 

@@ -111,6 +111,20 @@ def test_normals_of_any_length_become_unit() -> None:
     assert np.allclose(cleaned.normals, normals, atol=1e-6)  # type: ignore[arg-type]
 
 
+def test_normals_that_point_to_the_wrong_side_are_turned_unless_they_are_to_be_kept() -> None:
+    surface = uniform_scan(SHAPES["octopus"](), 5000)
+    cloud = flip_normals(surface, 0.1)
+
+    cleaned, report = clean_points(cloud)
+    kept, silent = clean_points(cloud, normals="keep")
+
+    assert np.allclose(cleaned.normals, surface.normals, atol=1e-6)  # type: ignore[arg-type]
+    assert np.allclose(kept.normals, cloud.normals, atol=1e-6)  # type: ignore[arg-type]
+    (sentence,) = report.sentences
+    assert f"{report.turned_normals:,} of 5,000; normals=keep" in sentence
+    assert silent.sentences == []
+
+
 @pytest.mark.parametrize("mode", ["estimate", "ignore"])
 def test_normals_that_will_not_be_used_are_left_out_without_a_word(mode: str) -> None:
     points, normals, _ = sphere()

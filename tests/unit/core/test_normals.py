@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from visco_core.errors import Stopped
+from visco_core.facing import side_agreement
 from visco_core.gallery import sphere, thin_plate, torus, two_bodies, uniform_scan
 from visco_core.gallery.scanner import rotation
 from visco_core.normals import estimate_normals
-from visco_core.orientation import SITES, _agreement, _grouped
+from visco_core.orientation import SITES, _grouped
 from visco_core.pointcloud import PointCloud
 from visco_core.progress import never
 
@@ -111,7 +112,7 @@ def test_walls_as_close_as_the_points_get_directions_from_a_wider_view() -> None
 def test_neighbours_across_a_wall_say_little_and_those_around_an_edge_all() -> None:
     points = np.array([[0.0, 0, 0], [0.1, 0, -0.05], [0.1, 0, -0.1]])
     directions = np.array([[0.0, 0, 1], [0, 0, 1], [1, 0, 0]])
-    grouping, solving = _agreement(points, directions, np.array([0, 0]), np.array([1, 2]))
+    grouping, solving = side_agreement(points, directions, np.array([0, 0]), np.array([1, 2]))
     assert 0 < grouping[0] < 0.05
     assert abs(solving[0]) < 0.05
     assert solving[1] == pytest.approx(1)

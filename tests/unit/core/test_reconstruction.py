@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -194,12 +195,17 @@ def test_normals_made_from_noisy_points_do_not_roughen_the_surface() -> None:
     assert off_sphere(made) < 0.8 * off_sphere(held_to_them)
 
 
-def test_the_scan_s_normals_decide_which_side_is_inside(ball: PointCloud) -> None:
-    result = reconstruct(PointCloud(ball.points, -ball.normals), config())
-    health = mesh_health(result.mesh)
-    assert health["watertight"]
-    assert health["outward"] is False
-    assert "normals" not in [phase["phase"] for phase in result.report["phases"]]
+def test_normals_that_all_point_inward_are_turned_unless_they_are_to_be_kept(
+    ball: PointCloud, record: Record
+) -> None:
+    inward = PointCloud(ball.points, -ball.normals)
+    turned, kept = (reconstruct(inward, config(normals=normals)) for normals in ("use", "keep"))
+    np.testing.assert_array_equal(turned.mesh.vertices, record.result.mesh.vertices)
+    assert [note for note in turned.notes if "4,000 of 4,000; normals=keep" in note]
+    health = mesh_health(kept.mesh)
+    assert (health["watertight"], health["outward"]) == (True, False)
+    assert [note for note in kept.notes if "inside out" in note]
+    assert "normals" not in [phase["phase"] for phase in kept.report["phases"]]
 
 
 def test_crop_keeps_the_surface_of_what_is_inside_the_box() -> None:
@@ -225,6 +231,13 @@ def test_trim_opens_the_mesh_where_nothing_was_scanned(ball: PointCloud) -> None
     assert len(opened.faces) < len(closed.mesh.faces)
     assert nearest_distance(opened.vertices, half.points)[0].max() <= 0.15
     assert nearest_distance(closed.mesh.vertices, half.points)[0].max() > 0.5
+    (note,) = closed.notes
+    assert re.match(r"[23]\d % of the surface lies where the scan has no points; trim=0\.", note)
+    advised = float(note.split("=")[1].split()[0])
+    cut = reconstruct(half, config(trim=advised))
+    assert cut.notes == []
+    assert -0.2 < cut.mesh.vertices[:, 2].min() < 0.02
+    assert point_to_mesh_distance(half.points, cut.mesh).max() < voxel(closed)
 
 
 def test_decimation_and_colours_reach_the_mesh(ball: PointCloud) -> None:

@@ -57,7 +57,8 @@ class StandInSolver:
             hooks.on_level(TRIANGLE, 32 * level)
             self.during(hooks)
         outcome = Outcome("complete", "All levels are done.", config.resolution)
-        return Reconstruction(TRIANGLE, outcome, {"backend": "none"})
+        report = {"backend": "none", "phases": [{"phase": "prepare", "notes": ["Odd scan."]}]}
+        return Reconstruction(TRIANGLE, outcome, report)
 
     def write(self, mesh: Mesh, path: Path, up_axis: str, metadata: Mapping | None) -> None:
         path.write_text(f"{path.suffix} {up_axis} {len(mesh.faces)}")

@@ -312,6 +312,7 @@ def test_a_gpu_out_of_memory_halves_the_resolution_once_and_says_so(
     assert [config.resolution for config in solver.configs] == [512, 256]
     assert done.result is not None
     assert "256" in done.result["notes"][0]
+    assert done.result["notes"][1:] == ["Odd scan."], "what the core has to say comes after"
     (said,) = [event.data for event in bench.events(job) if event.type == "degraded"]
     assert said["detail"] == done.result["notes"][0]
 

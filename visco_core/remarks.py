@@ -1,0 +1,52 @@
+"""What the owner of a scan should know of the mesh that came of it, in sentences with advice."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from visco_core.neighbours import Neighbours
+from visco_core.progress import Check, never
+from visco_core.result import Mesh
+
+UNSUPPORTED, SUPPORTED = 0.05, 0.5
+"""Confidence below which the surface is a guess, and above which the scan says where it is."""
+
+MUCH = 0.1
+"""Share of the surface that may be guessed without a word: holes that a scanner leaves are less."""
+
+SAMPLES = 20_000
+
+PIECE = 2**17
+"""Faces between two questions for a stop request."""
+
+BEYOND = 2.0
+"""Distance at which trimming is advised, over the 99.9 % quantile of that of supported vertices."""
+
+
+def remarks(
+    mesh: Mesh, confidence: np.ndarray, points: np.ndarray, threads: int = -1, check: Check = never
+) -> list[str]:
+    """Sentences on a closed mesh with confidence (V,) made of points (P, 3) in the same units."""
+    volume = whole = guessed = 0.0
+    middle = mesh.vertices.mean(0)
+    for start in range(0, len(mesh.faces), PIECE):
+        check()
+        faces = mesh.faces[start : start + PIECE]
+        first, second, third = np.moveaxis(mesh.vertices[faces] - middle, 1, 0)
+        across = np.cross(second - first, third - first)
+        volume += np.einsum("fi,fi->", first, across)
+        area = np.sqrt(np.einsum("fi,fi->f", across, across))
+        whole += area.sum()
+        guessed += area[confidence[faces].sum(1) < 3 * UNSUPPORTED].sum()
+    said = []
+    if volume < 0:
+        said.append("The mesh is inside out, as the scan's normals are; normals=estimate turns it.")
+    supported = np.flatnonzero(confidence > SUPPORTED)
+    if guessed > MUCH * whole and len(supported):
+        chosen = mesh.vertices[supported[:: len(supported) // SAMPLES + 1]]
+        distance = Neighbours(points, threads, check).nearest(chosen)[0]
+        said.append(
+            f"{100 * guessed / whole:.0f} % of the surface lies where the scan has no points; "
+            f"trim={BEYOND * np.quantile(distance, 0.999):.2g} cuts it off."
+        )
+    return said
