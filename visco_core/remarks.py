@@ -28,16 +28,21 @@ def remarks(
 ) -> list[str]:
     """Sentences on a closed mesh with confidence (V,) made of points (P, 3) in the same units."""
     volume = whole = guessed = 0.0
-    middle = mesh.vertices.mean(0)
+    # Axis by axis, which is several times as fast as by rows.
+    places = np.ascontiguousarray((mesh.vertices - mesh.vertices.mean(0)).T, np.float32)
     for start in range(0, len(mesh.faces), PIECE):
         check()
-        faces = mesh.faces[start : start + PIECE]
-        first, second, third = np.moveaxis(mesh.vertices[faces] - middle, 1, 0)
-        across = np.cross(second - first, third - first)
-        volume += np.einsum("fi,fi->", first, across)
-        area = np.sqrt(np.einsum("fi,fi->f", across, across))
-        whole += area.sum()
-        guessed += area[confidence[faces].sum(1) < 3 * UNSUPPORTED].sum()
+        corners = mesh.faces[start : start + PIECE].T
+        first, second, third = (places[:, corner] for corner in corners)
+        x, y, z = zip(second - first, third - first, strict=True)
+        across = np.stack(
+            [y[0] * z[1] - z[0] * y[1], z[0] * x[1] - x[0] * z[1], x[0] * y[1] - y[0] * x[1]]
+        )
+        volume += np.einsum("if,if->", first, across, dtype=np.float64)
+        area = np.sqrt(np.einsum("if,if->f", across, across))
+        whole += area.sum(dtype=np.float64)
+        sure = sum(confidence[corner] for corner in corners)
+        guessed += area[sure < 3 * UNSUPPORTED].sum(dtype=np.float64)
     said = []
     if volume < 0:
         said.append("The mesh is inside out, as the scan's normals are; normals=estimate turns it.")
