@@ -27,7 +27,8 @@ _BAD_NORMALS_TOLERATED = 0.5
 _LONELY, _FEWEST_LONELY, _MOSTLY_OFF = 0.15, 5, 0.9
 _NEIGHBOURS = 12
 _FAR, _OFF_SURFACE = 1.5, 0.3
-_ROUNDS = 3
+_APART, _TOGETHER = 16.0, 36
+_ROUNDS = 10
 
 
 @dataclass(frozen=True)
@@ -202,10 +203,11 @@ def find_scattered(
     planes through neighbours. A point is off the surface if half of its 12 nearest lie more than
     17° (sine 0.3) off its own plane, or it off theirs. Scans are left alone unless five points or
     more lie in lonely places, which coarse cells tell, and nine in ten of these are off the
-    surface: elsewhere the scan is only sparse. Then all points go that are off, and 1.5 times
-    farther from their 12 nearest than is usual. What is left is looked at again, up to three times
-    in all: among many such points some look like a surface until the others are gone. A body so far
-    away that ``find_strays`` has judged it is left alone.
+    surface: elsewhere the scan is only sparse. Then all points go that are 1.5 times farther from
+    their 12 nearest than is usual, and off, or 16 times farther than one of 36 nearest is from its
+    own: fewer together are no surface. What is left is looked at again while that finds more, up
+    to ten times in all: among many such points some look like a surface until the others are gone.
+    A body so far away that ``find_strays`` has judged it is left alone.
     """
     scattered = np.zeros(len(points), bool)
     bodies = _far_away(points)[0]
@@ -230,7 +232,7 @@ def _off_and_far(
         return none
     around = _count_around(points)
     lonely = np.flatnonzero(around < _LONELY * np.median(around))
-    if len(lonely) < _FEWEST_LONELY:
+    if len(lonely) < (1 if known else _FEWEST_LONELY):
         return none
     from visco_core.neighbours import Neighbours
 
@@ -252,7 +254,9 @@ def _off_and_far(
         return none
     reach = look_up.nearest(points, _NEIGHBOURS + 1)[0][:, -1]
     far = np.flatnonzero(reach > _FAR * np.median(reach))
-    return far[off_surface(far)]
+    near = look_up.nearest(points[far], min(_TOGETHER, len(points)))[1]
+    apart = reach[near].min(1) < reach[far] / _APART
+    return far[off_surface(far) | apart]
 
 
 def _planes(

@@ -101,7 +101,7 @@ def reconstruct(
         scan = points, normals, level.grid.resolution
         sure = confidence(placed, *scan, backend, clock.check)
         if config.trim is None:
-            entry["notes"] = remarks(mesh, sure, cloud.points, backend.threads, clock.check)
+            entry["notes"] = remarks(mesh, sure, cloud, backend.threads, clock.check)
         mesh = with_confidence(mesh, sure)
         entry.update(vertices=len(mesh.vertices), triangles=len(mesh.faces))
     backend_name = f"{backend.name} on {backend.device}"

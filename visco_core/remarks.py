@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from visco_core.neighbours import Neighbours
+from visco_core.pointcloud import PointCloud
 from visco_core.progress import Check, never
 from visco_core.result import Mesh
 
@@ -24,9 +25,9 @@ BEYOND = 2.0
 
 
 def remarks(
-    mesh: Mesh, confidence: np.ndarray, points: np.ndarray, threads: int = -1, check: Check = never
+    mesh: Mesh, confidence: np.ndarray, cloud: PointCloud, threads: int = -1, check: Check = never
 ) -> list[str]:
-    """Sentences on a closed mesh with confidence (V,) made of points (P, 3) in the same units."""
+    """Sentences on a closed mesh with confidence (V,) made of ``cloud``, in the same units."""
     volume = whole = guessed = 0.0
     # Axis by axis, which is several times as fast as by rows.
     places = np.ascontiguousarray((mesh.vertices - mesh.vertices.mean(0)).T, np.float32)
@@ -45,11 +46,14 @@ def remarks(
         guessed += area[sure < 3 * UNSUPPORTED].sum(dtype=np.float64)
     said = []
     if volume < 0:
-        said.append("The mesh is inside out, as the scan's normals are; normals=estimate turns it.")
+        told = "the points do not tell, so give the scan normals."
+        if cloud.normals is not None:
+            told = "so are the scan's normals, which normals=estimate does without."
+        said.append(f"The mesh is inside out: {told}")
     supported = np.flatnonzero(confidence > SUPPORTED)
     if guessed > MUCH * whole and len(supported):
         chosen = mesh.vertices[supported[:: len(supported) // SAMPLES + 1]]
-        distance = Neighbours(points, threads, check).nearest(chosen)[0]
+        distance = Neighbours(cloud.points, threads, check).nearest(chosen)[0]
         said.append(
             f"{100 * guessed / whole:.0f} % of the surface lies where the scan has no points; "
             f"trim={BEYOND * np.quantile(distance, 0.999):.2g} cuts it off."
