@@ -16,6 +16,9 @@ DENSITIES = (0.7, 1.0, 1.4, 2.0)
 CLOSED = 0.07
 """A scan whose winding numbers miss ½ by more than the square root of this is open."""
 
+OPEN = 0.2
+"""Least length of the mean normal of an open surface: none if closed, ½ for half a sphere."""
+
 SOFTENING = 0.4
 """Radius within which a sample's pull on others is bounded, in square roots of its area."""
 

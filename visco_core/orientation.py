@@ -22,7 +22,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.linalg import LinearOperator, cg
 
-from visco_core.facing import CLOSED, DENSITIES, SOFTENING, disc_areas, side_agreement
+from visco_core.facing import CLOSED, DENSITIES, OPEN, SOFTENING, disc_areas, side_agreement
 from visco_core.neighbours import Neighbours
 from visco_core.progress import Check, never
 
@@ -48,8 +48,9 @@ HOLDS = (1.0, 0.1)
 """How firmly patches are held to their neighbours, which mislead where a wall is thinner than its
 points are apart."""
 
-CLEARLY = 0.8
-"""Looser holds win where they leave less than this of the misfit."""
+CLEARLY = 0.4
+"""Looser holds win where they leave less than this of the misfit: a fifth between close walls, half
+where they bend an open surface to close itself."""
 
 OUTVOTED = 0.3
 """A point whose neighbours speak against its side with more than this share of what they can say
@@ -118,7 +119,8 @@ def outward_signs(
     area = (area * shares * len(chosen) / sampled)[patch[picked]]
     oriented = directions[picked] * signs[picked, None]
     winding = _winding(points[picked], oriented, area, sampled, check)
-    signs = signs * _sides(winding, coupling, shares, check)[patch]
+    facing = np.add.reduceat(oriented * area[:, None], np.append(0, np.cumsum(sampled)[:-1]))
+    signs = signs * _sides(winding, coupling, shares, facing / area.sum(), check)[patch]
     return _voted(signs, source, target, agreement)
 
 
@@ -242,12 +244,17 @@ def _winding(
 
 
 def _sides(
-    winding: np.ndarray, coupling: np.ndarray, shares: np.ndarray, check: Check
+    winding: np.ndarray,
+    coupling: np.ndarray,
+    shares: np.ndarray,
+    facing: np.ndarray,
+    check: Check,
 ) -> np.ndarray:
     """s (count,) ±1 of each patch, nearest to a winding number of ½ on all of them.
 
     First only whole parts of the scan may turn, a part being what the coupling connects; then each
-    patch may. The second answer holds where it is nearer, and near enough for a closed surface.
+    patch may. The second answer holds where it is nearer, and near enough for a closed surface,
+    whose normals have a mean of 0; ``facing`` (count, 3) is what each patch adds to it.
     """
     count = len(shares)
     links = coo_array(coupling)
@@ -276,7 +283,8 @@ def _sides(
     free, *looser = (nearest(np.eye(count), hold * smooth, grouped) for hold in HOLDS)
     for other in looser:
         free = other if other[0] < CLEARLY * free[0] else free
-    return free[2] if free[0] < min(CLOSED, whole[0]) else whole[2]
+    opening = float(np.linalg.norm(free[2] @ facing))
+    return free[2] if free[0] < min(CLOSED, whole[0]) and opening < OPEN else whole[2]
 
 
 def _voted(

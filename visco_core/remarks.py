@@ -46,10 +46,10 @@ def remarks(
         guessed += area[sure < 3 * UNSUPPORTED].sum(dtype=np.float64)
     said = []
     if volume < 0:
-        told = "the points do not tell, so give the scan normals."
+        told = "; give the scan normals if they should not."
         if cloud.normals is not None:
-            told = "so are the scan's normals, which normals=estimate does without."
-        said.append(f"The mesh is inside out: {told}")
+            told = ", as the scan's normals do; normals=estimate may turn them."
+        said.append(f"The mesh's faces point into what it encloses{told}")
     supported = np.flatnonzero(confidence > SUPPORTED)
     if guessed > MUCH * whole and len(supported):
         chosen = mesh.vertices[supported[:: len(supported) // SAMPLES + 1]]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visco_core.facing import CLOSED, DENSITIES, SOFTENING, disc_areas, side_agreement
+from visco_core.facing import CLOSED, DENSITIES, OPEN, SOFTENING, disc_areas, side_agreement
 from visco_core.neighbours import Neighbours
 from visco_core.progress import Check, never
 
@@ -35,9 +35,6 @@ have none."""
 
 INWARD = 0.02
 """Share of places that may have a winding number below −¼ in a good scan."""
-
-OPEN = 0.2
-"""Length of the mean normal of an open surface: none if closed, ½ for half a sphere."""
 
 CLEARLY = 0.5
 """Other sides win where they leave less than this of the misfit or of the contradiction."""

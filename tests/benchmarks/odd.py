@@ -100,7 +100,10 @@ def _damaged(meshes: Path | None) -> dict[str, Recipe]:
 
     return {
         "good": recipe(lambda cloud: cloud),
+        "flipped-10": recipe(lambda cloud: gallery.flip_normals(cloud, 0.1)),
         "flipped-30": recipe(lambda cloud: gallery.flip_normals(cloud, 0.3)),
+        "flipped-50": recipe(lambda cloud: gallery.flip_normals(cloud, 0.5)),
+        "inward": recipe(lambda cloud: gallery.flip_normals(cloud, 1.0)),
         "outliers-5": recipe(lambda cloud: gallery.add_outliers(cloud, 0.05)),
         "outliers-20": recipe(lambda cloud: gallery.add_outliers(cloud, 0.2)),
         "outliers-5-no-normals": recipe(
@@ -126,11 +129,16 @@ def _shapes(resolution: int) -> dict[str, Recipe]:
         upper = (whole.vertices[whole.faces][:, :, 2] > -0.05).all(axis=1)
         return Mesh(whole.vertices, whole.faces[upper], whole.normals)
 
+    def bracket_with_outliers() -> tuple[PointCloud, Mesh]:
+        cloud, surface = recipe(gallery.bracket().mesh(300), normals=False)
+        return gallery.add_outliers(cloud, 0.05), surface
+
     return {
         "thin-plate": lambda: recipe(gallery.thin_plate(two_voxels).mesh(400)),
         "sharp-box": lambda: recipe(gallery.box().mesh(300)),
         "sharp-bracket": lambda: recipe(gallery.bracket().mesh(300)),
         "bracket-no-normals": lambda: recipe(gallery.bracket().mesh(300), normals=False),
+        "bracket-outliers-5-no-normals": bracket_with_outliers,
         "two-bodies": lambda: recipe(gallery.two_bodies().mesh(300)),
         "open-half": lambda: recipe(half_open()),
     }

@@ -7,7 +7,16 @@ import pytest
 
 from visco_core.errors import Stopped
 from visco_core.facing import side_agreement
-from visco_core.gallery import sphere, thin_plate, torus, two_bodies, uniform_scan
+from visco_core.gallery import (
+    SHAPES,
+    Scanner,
+    scan,
+    sphere,
+    thin_plate,
+    torus,
+    two_bodies,
+    uniform_scan,
+)
 from visco_core.gallery.scanner import rotation
 from visco_core.normals import estimate_normals
 from visco_core.orientation import SITES, _grouped
@@ -178,3 +187,12 @@ def test_more_points_than_a_block_keep_their_order() -> None:
     cloud = uniform_scan(sphere(), 70_000)
     found = estimate_normals(cloud.points)
     assert degrees_off(found, cloud.normals).max() < 45
+
+
+@pytest.mark.parametrize("shape", ["bracket", "bumpy_torus"])
+def test_a_surface_seen_from_one_side_is_not_bent_to_close_itself(shape: str) -> None:
+    """Some of its patches turned, the winding numbers would be nearer to ½."""
+    view = np.array([[1.0, 0.5, 0.3]])
+    cloud = scan(SHAPES[shape](), Scanner(views=view, points=2500, normals="exact"))
+    assert cloud.normals is not None
+    assert (degrees_off(estimate_normals(cloud.points), cloud.normals) > 90).mean() < 0.005
