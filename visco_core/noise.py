@@ -1,14 +1,17 @@
 """How noisy a scan is, read off the scan itself: it decides how much smoothing the solve applies.
 
-Around sampled points a quadric is fitted through the k nearest neighbours, and its residual is
-measured for growing k. It holds the noise, and what the quadric cannot follow, which grows with k;
-two sizes tell the two apart. Where the neighbourhood is thinner than the noise the fit follows the
-noise too, so the largest answer of all sizes is taken. Of small neighbourhoods only the side that
-most normals face is fitted: through both faces of a thin wall the thickness would pass for noise.
+Around sampled points a quadric is fitted through the nearest neighbours. What it leaves over holds
+the noise, and the detail that the quadric cannot follow; the closer together two points lie, the
+less of the latter their residuals differ by, and what is left for two at the same place is noise:
+the nugget of the residuals' variogram (Matheron, 1963). A neighbourhood no wider than the noise is
+a ball of points rather than a sheet, so the scan is thinned until it is wide enough. Of each only
+the side that most normals face is used: between both faces of a thin wall the thickness would pass
+for noise.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,33 +19,43 @@ import numpy as np
 from visco_core.neighbours import Neighbours
 from visco_core.progress import Check, never
 
-SCALES = ((24, 800), (96, 400), (384, 200), (1536, 100))
-"""Neighbours, and how many points are sampled at that size."""
+NEIGHBOURS, SAMPLES = 24, 800
+"""Points of a neighbourhood, and how many neighbourhoods are looked at."""
 
-ONE_SIDED = 96
-"""Neighbours up to which one side is fitted. The larger sizes tell only of noise so coarse that
-normals hardly know their side, and the smoothing was calibrated on what they say of both."""
+CLOSEST = 0.02
+"""Share of the pairs of neighbours that tell the noise; those up to twice as far apart tell how
+much of their difference the distance makes."""
+
+WIDE, NARROWED = 3.0, 4.4
+"""Deviations of the noise that the radius of a neighbourhood must have: below, the nearest points
+are those that noise has brought near. That takes (1 + NARROWED σ²/radius²) off the noise, as planes
+of points show whose noise is known."""
+
+THINNING, THINNEST = 4, 300
+"""One point in so many is kept for wider neighbourhoods, and how many must be left."""
+
+ROUNDING = 1e-6
+"""Noise below this share of the scan's extent is that of its coordinates' digits."""
 
 SAME_SHEET = 3.0
 """Deviations from the fit within which a normal that faces the other way is a wrong one, and not
 that of another wall."""
 
-CURVATURE_GROWTH = 3.3
-"""How much more a quadric leaves over of an exact surface when k grows fourfold."""
-
-CURVATURE = 2.5
-"""Growth of the residual after which no larger scale can tell more."""
-
-FLAT = 1.5
-"""Growth below which the largest scale holds little but noise."""
+MEDIAN_SQUARE = 0.4549
+"""Median of the square of a normal deviate."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations along the surface normal, in units of the points, and of the normals."""
+    """Standard deviations along the surface normal, in units of the points, and of the normals.
+
+    ``detail`` is the radius, in units of the points, of neighbourhoods in which the shape departs
+    from a quadric by as much as the noise: finer detail is lost in it.
+    """
 
     position: float
     normal: float
+    detail: float
 
 
 def estimate_noise(
@@ -54,30 +67,75 @@ def estimate_noise(
 ) -> Noise:
     """The noise of ``points`` (P, 3) and of their unit normals (P, 3).
 
-    The deviation of the normals is measured about their own linear trend at the smallest scale, so
-    noise that neighbours share is not seen.
+    The deviation of the normals is measured about their own linear trend among the nearest
+    neighbours, so noise that neighbours share is not seen.
     """
     random = np.random.default_rng(seed)
-    around = Neighbours(points, threads, check)
-    residuals: list[float] = []
-    normal_deviation = 0.0
-    for neighbours, samples in SCALES:
-        count = min(neighbours, len(points))
-        chosen = random.choice(len(points), min(samples, len(points)), replace=False)
-        nearest = around.nearest(points[chosen], count)[1]
-        side = _side(normals[nearest]) if count <= ONE_SIDED else np.ones(nearest.shape, bool)
-        basis, height = _local_frame(points[nearest], side)
-        apart = _residual(height[..., None], basis, side)
-        deviation = _deviation(apart, side, basis.shape[2])
-        residuals.append(float(np.median(deviation)))
-        if len(residuals) == 1:
-            sheet = side | (np.abs(apart[..., 0]) <= SAME_SHEET * deviation[:, None])
-            trend = basis[..., :3]
-            tilt = _deviation(_residual(normals[nearest], trend, sheet), sheet, trend.shape[2])
-            normal_deviation = float(np.median(tilt))
-        elif residuals[-1] > CURVATURE * residuals[-2]:
+    least = ROUNDING * float(np.ptp(points, axis=0).max())
+    nearest = sheets = _look(points, normals, random, threads, check)
+    if len(points) <= NEIGHBOURS:
+        # One neighbourhood is the whole scan: what a quadric leaves over may well be its shape.
+        return Noise(0.0, nearest.tilt, 0.0)
+    position = None
+    while True:
+        if position is None and sheets.radius >= WIDE * sheets.noise:
+            position = sheets.noise if sheets.noise > least else 0.0
+        if position is not None and sheets.residual**2 >= 2 * position**2:
             break
-    return Noise(_without_curvature(np.array(residuals)), normal_deviation)
+        if len(points) < THINNING * THINNEST:
+            break
+        kept = random.random(len(points)) < 1 / THINNING
+        points, normals = points[kept], normals[kept]
+        sheets = _look(points, normals, random, threads, check)
+    position = sheets.noise if position is None else position
+    detail = sheets.radius
+    apart = math.sqrt(max(sheets.residual**2 - position**2, position**2))
+    if apart:
+        # What a quadric cannot follow grows with the cube of the radius; below the nearest
+        # neighbours it is not seen, and noise that is so much less than it might be none.
+        detail *= (position / apart) ** (1 if sheets is nearest else 1 / 3)
+    return Noise(position, nearest.tilt, detail if position else 0.0)
+
+
+@dataclass(frozen=True)
+class _Sheets:
+    """Of neighbourhoods the median radius, what quadrics leave over, squared and averaged so that
+    creases count, the noise in it, and the median scatter of the normals."""
+
+    radius: float
+    residual: float
+    noise: float
+    tilt: float
+
+
+def _look(
+    points: np.ndarray,
+    normals: np.ndarray,
+    random: np.random.Generator,
+    threads: int,
+    check: Check,
+) -> _Sheets:
+    chosen = random.choice(len(points), min(SAMPLES, len(points)), replace=False)
+    count = min(NEIGHBOURS, len(points))
+    away, nearest = Neighbours(points, threads, check).nearest(points[chosen], count)
+    check()
+    side = _side(normals[nearest])
+    basis, height, extent = _local_frame(points[nearest], side)
+    quadric = _fit(height[..., None], basis, side)
+    apart = height[..., None] - basis @ quadric
+    deviation = _deviation(apart, side, basis.shape[2])
+    sheet = side | (np.abs(apart[..., 0]) <= SAME_SHEET * deviation[:, None])
+    trend = basis[..., :3]
+    turned = normals[nearest] - trend @ _fit(normals[nearest], trend, sheet)
+    tilt = float(np.median(_deviation(turned, sheet, trend.shape[2])))
+    residual = float(np.sqrt(np.square(deviation).mean()))
+    upright = apart[..., 0] / np.sqrt(1 + _squared_slope(quadric[..., 0], basis, extent))
+    nugget = _nugget(upright, basis[..., 1:3], side)
+    # The closest pairs may all lie where several scans overlap, which is not the whole surface.
+    noise = min(nugget, float(np.median(deviation)))
+    radius = max(float(np.median(away[:, -1])), np.finfo(float).tiny)
+    noise *= 1 + NARROWED * (noise / radius) ** 2
+    return _Sheets(radius, residual, noise, tilt)
 
 
 def _side(normals: np.ndarray) -> np.ndarray:
@@ -86,8 +144,11 @@ def _side(normals: np.ndarray) -> np.ndarray:
     return facing == (facing.mean(1, keepdims=True) >= 0.5)
 
 
-def _local_frame(around: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Quadratic basis (S, K, 6) over, and height (S, K) above, the plane through those ``kept``."""
+def _local_frame(around: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Quadratic basis (S, K, 6) over, and height (S, K) above, the plane through those ``kept``.
+
+    The basis is of coordinates in units of the neighbourhood's extent (S, 1).
+    """
     share = kept / kept.sum(1, keepdims=True)
     centered = around - np.einsum("sk,ski->si", share, around)[:, None]
     weighted = centered * share[..., None]
@@ -95,17 +156,30 @@ def _local_frame(around: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.n
     height, x, y = np.moveaxis(np.einsum("ski,sij->skj", centered, axes), -1, 0)
     extent = np.sqrt(np.maximum(variance[:, 2:], np.finfo(float).tiny))
     x, y = x / extent, y / extent
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], -1), height
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], -1), height, extent
 
 
-def _residual(values: np.ndarray, basis: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """``values`` (S, K, D) less what ``basis`` (S, K, B) fits to those ``kept`` (S, K)."""
+def _fit(values: np.ndarray, basis: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """The coefficients (S, B, D) with which ``basis`` (S, K, B) fits ``values`` (S, K, D) best.
+
+    Only at the points ``kept`` (S, K).
+    """
     terms, count = basis.shape[2], kept.sum(1)
     fitted = basis * kept[..., None]
     square = np.einsum("ska,skb->sab", fitted, basis)
     square += 1e-9 * count[:, None, None] * np.eye(terms)
-    fit = np.linalg.solve(square, np.einsum("ska,skd->sad", fitted, values))
-    return values - np.einsum("ska,sad->skd", basis, fit)
+    return np.linalg.solve(square, np.einsum("ska,skd->sad", fitted, values))
+
+
+def _squared_slope(quadric: np.ndarray, basis: np.ndarray, extent: np.ndarray) -> np.ndarray:
+    """The square of the slope (S, K) of ``quadric`` (S, 6) against its plane.
+
+    Noise is read across the surface, not the plane: where the surface is steep, noise along it
+    passes for height too.
+    """
+    x, y = basis[..., 1], basis[..., 2]
+    _, a, b, c, d, e = quadric.T[..., None]
+    return (np.square(a + 2 * c * x + d * y) + np.square(b + d * x + 2 * e * y)) / extent**2
 
 
 def _deviation(residual: np.ndarray, kept: np.ndarray, terms: int) -> np.ndarray:
@@ -114,18 +188,24 @@ def _deviation(residual: np.ndarray, kept: np.ndarray, terms: int) -> np.ndarray
     return np.sqrt(square / np.maximum(kept.sum(1) - terms, 1))
 
 
-def _without_curvature(residuals: np.ndarray) -> float:
-    """The noise σ in residuals (S,) of growing scales: r_s² = σ² + c², where c grows by the scale.
+def _nugget(residual: np.ndarray, places: np.ndarray, kept: np.ndarray) -> float:
+    """The noise σ in residuals (S, K) of points at ``places`` (S, K, 2) in their plane.
 
-    c is CURVATURE_GROWTH times larger on the next scale, until scales outgrow the surface's detail;
-    so none is asked beyond those between which the residual grows least.
+    Two points t apart differ by 2σ² + b t², squared: by the noise of both, and by the slope of what
+    the fit has not followed. Medians, since near a crease or another sheet they differ by more.
+    Points at the same place are copies, and tell nothing.
     """
-    square, factor = np.square(residuals), CURVATURE_GROWTH**2
-    noise = (square[:-1] - square[1:] / factor) / (1 - 1 / factor)
-    growth = residuals[1:] / np.maximum(residuals[:-1], np.finfo(float).tiny)
-    slowest = int(growth.argmin())
-    asked = noise[: slowest + 1]
-    if slowest + 1 == len(growth) and growth[-1] < FLAT:
-        asked = np.append(asked, square[-1])
-    # Where curvature hides the noise at every scale, half of the smallest residual is a fair guess.
-    return float(np.sqrt(asked.max(initial=square[0] / 4)))
+    one, other = np.triu_indices(residual.shape[1], 1)
+    apart = np.square(places[:, one] - places[:, other]).sum(2)
+    apart[~(kept[:, one] & kept[:, other])] = 0
+    told = apart > 0
+    apart, differ = apart[told], np.square(residual[:, one] - residual[:, other])[told]
+    if not len(apart):
+        return 0.0
+    reach = np.quantile(apart, CLOSEST)
+    close, further = apart <= reach, (apart > reach) & (apart <= 4 * reach)
+    nugget = np.median(differ[close])
+    if further.any():
+        ratio = apart[close].mean() / apart[further].mean()
+        nugget = (nugget - ratio * np.median(differ[further])) / (1 - ratio)
+    return float(np.sqrt(max(nugget, 0) / (2 * MEDIAN_SQUARE)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -65,11 +66,14 @@ FAST_WEIGHTS = Weights(
 )
 """λn and λv are those of a scan whose noise is not known; see ``weights_for_noise``."""
 
-VISCOSITY_PER_VARIANCE = 1.25e6
-"""λv · m / σ² in units of the cube: how strongly the prior weighs against one point."""
+SMOOTHING = 300.0
+"""λv · √m / ρ³, with the radius ρ of the finest detail in units of the cube."""
 
-FIRMEST_VISCOSITY = 5e-3
-"""λv that few, noisy points tend to: more would smooth the shape away with the noise."""
+FIRMEST_VISCOSITY = 0.02
+"""λv that ever coarser detail tends to: over more than a few ε the surface would shrink."""
+
+LEAST_VISCOSITY = 0.0096
+"""λv · n^1.5 of an exact scan on a level of n voxels an axis: what trilinear voxels need."""
 
 VOXEL_ERROR = 0.1
 """What trilinear voxels add to the noise of the points, as a share of a voxel."""
@@ -79,7 +83,7 @@ VOXEL_ERROR_OF_NORMALS = 0.1
 slope of a trilinear voxel is further from the surface's than most normals. On the coarsest all of
 it counts: there the normals lead the surface from what was seen into the holes."""
 
-SHARED_NORMAL_ERROR = 0.12
+SHARED_NORMAL_ERROR = 0.135
 """Error of the normals, in radians, that neighbours share and that their scatter does not show:
 what a scanner's normals are smoothed by."""
 
@@ -98,28 +102,34 @@ def weights_for_noise(
     """The weights of the profile ``fast`` on each level for a scan's noise in units of the cube.
 
     Maximum a posteriori: m points of variance σ² and normals of variance σn² weigh λp/m : λn/m as
-    1/σ² : 1/σn², and the prior's weight relative to all of them is constant, so
+    1/σ² : 1/σn², so λn = λp σ² / σn², where σ² is the noise and what the level's voxels add to it,
+    and σn² the scatter of the normals and the error that neighbours share.
 
-        λn = λp σ² / σn²,    1/λv = m / (VISCOSITY_PER_VARIANCE · σ²) + 1/FIRMEST_VISCOSITY,
+    The viscosity resists a ripple of wave number k as λv k⁴, so it smooths over a radius R ∝ λv^¼.
+    That should be where what is lost of the shape equals what is left of the noise. A quadric over
+    a radius R is off by σ (R/ρ)³, ρ being ``noise.detail``, and keeps σ/√(m R²) of the noise of m
+    points: R⁴ ∝ ρ³/√m, and
 
-    where σ² is the noise and what the level's voxels add to it, and σn² the scatter of the normals
-    and the error that neighbours share. The second term of 1/λv is the surface's own detail, which
-    the prior would smooth away however little the points say.
+        λv = SMOOTHING · ρ³/√m + LEAST_VISCOSITY/n^1.5
+
+    on a level of n voxels an axis, the first term as s/(1 + s/FIRMEST_VISCOSITY).
 
     ``derived`` normals were computed from the points. They repeat what these say, errors included,
     so they count on the coarsest level alone.
     """
     base = FAST_WEIGHTS
     normal_variance = noise.normal**2 + SHARED_NORMAL_ERROR**2
+    variance = noise.position**2
+    smoothing = SMOOTHING * noise.detail**3 / math.sqrt(points)
+    smoothing /= 1 + smoothing / FIRMEST_VISCOSITY
 
     def on_level(level: int, resolution: int) -> Weights:
         voxel = (VOXEL_ERROR / resolution) ** 2
         for_normals = voxel * (VOXEL_ERROR_OF_NORMALS if level else 1)
-        normal = base.point * (noise.position**2 + for_normals) / normal_variance
+        normal = base.point * (variance + for_normals) / normal_variance
         if derived and level:
             normal = 0.0
-        viscosity = VISCOSITY_PER_VARIANCE * (noise.position**2 + voxel) / points
-        viscosity /= 1 + viscosity / FIRMEST_VISCOSITY
+        viscosity = smoothing + LEAST_VISCOSITY / resolution**1.5
         return replace(base, normal=min(normal, 1e-3), viscosity=viscosity)
 
     return tuple(on_level(*entry) for entry in enumerate(resolutions))
