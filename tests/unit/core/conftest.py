@@ -1,4 +1,4 @@
-"""The solver's backends, as the tests of the core share them.
+"""The solver's backends and a run on a ball, as the tests of the core share them.
 
 Torch gets one thread: on grids this small its threads would only wait for one another.
 """
@@ -6,8 +6,11 @@ Torch gets one thread: on grids this small its threads would only wait for one a
 from __future__ import annotations
 
 import pytest
+from runs import Record
 
+from visco_core.gallery import sphere, uniform_scan
 from visco_core.kernels import Backend, choose_backend
+from visco_core.pointcloud import PointCloud
 
 THREADS = {"native": 2, "reference": 1}
 
@@ -26,3 +29,13 @@ def reference_backend() -> Backend:
 def backend(request: pytest.FixtureRequest) -> Backend:
     """Each backend in turn."""
     return choose_backend(request.param, "cpu", THREADS[request.param])
+
+
+@pytest.fixture(scope="session")
+def ball() -> PointCloud:
+    return uniform_scan(sphere(), 4000)
+
+
+@pytest.fixture(scope="session")
+def record(ball: PointCloud) -> Record:
+    return Record.of(ball)
