@@ -79,9 +79,10 @@ VOXEL_ERROR = 0.1
 """What trilinear voxels add to the noise of the points, as a share of a voxel."""
 
 VOXEL_ERROR_OF_NORMALS = 0.1
-"""How much of that counts when normals are weighed against points on the finer levels, where the
-slope of a trilinear voxel is further from the surface's than most normals. On the coarsest all of
-it counts: there the normals lead the surface from what was seen into the holes."""
+"""How much of that counts when normals are weighed against exact points on the finer levels, where
+the slope of a trilinear voxel is further from the surface's than most normals; as much as the noise
+counts where there is some. On the coarsest level all of it does: there the normals lead the surface
+from what was seen into the holes."""
 
 SHARED_NORMAL_ERROR = 0.135
 """Error of the normals, in radians, that neighbours share and that their scatter does not show:
@@ -125,7 +126,7 @@ def weights_for_noise(
 
     def on_level(level: int, resolution: int) -> Weights:
         voxel = (VOXEL_ERROR / resolution) ** 2
-        for_normals = voxel * (VOXEL_ERROR_OF_NORMALS if level else 1)
+        for_normals = max(VOXEL_ERROR_OF_NORMALS * voxel, min(voxel, variance)) if level else voxel
         normal = base.point * (variance + for_normals) / normal_variance
         if derived and level:
             normal = 0.0

@@ -5,7 +5,12 @@ import pytest
 
 from visco_core.gallery import SHAPES, flip_normals, thin_plate, uniform_scan
 from visco_core.noise import Noise, estimate_noise
-from visco_core.presets import LEAST_VISCOSITY, SHARED_NORMAL_ERROR, weights_for_noise
+from visco_core.presets import (
+    LEAST_VISCOSITY,
+    SHARED_NORMAL_ERROR,
+    VOXEL_ERROR,
+    weights_for_noise,
+)
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.005, 0.01])
@@ -128,6 +133,14 @@ def test_normals_weigh_against_points_as_their_variances_say() -> None:
     weights = weights_for_noise(Noise(0.01, 0.2, 0.1), 10_000, [1024])[-1]
     variance = 0.2**2 + SHARED_NORMAL_ERROR**2
     assert weights.normal / weights.point == pytest.approx(0.01**2 / variance, rel=1e-3)
+
+
+def test_normals_weigh_more_against_points_whose_noise_hides_the_voxels_error() -> None:
+    voxel = (VOXEL_ERROR / 256) ** 2
+    for noise, counted in ((0.0, 0.1 * voxel), (2e-4, 2e-4**2), (1e-3, voxel)):
+        weights = weights_for_noise(Noise(noise, 0.0, 0.02), 10_000, [64, 256])[-1]
+        expected = 0.1 * (noise**2 + counted) / SHARED_NORMAL_ERROR**2
+        assert weights.normal == pytest.approx(expected)
 
 
 def test_normals_made_from_the_points_count_on_the_coarsest_level_alone() -> None:
