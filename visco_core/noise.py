@@ -34,6 +34,10 @@ of points show whose noise is known."""
 THINNING, THINNEST = 4, 300
 """One point in so many is kept for wider neighbourhoods, and how many must be left."""
 
+OTHER_WALL, BEYOND_WALLS = 0.25, 2.0
+"""Share of a neighbourhood on another wall from which on the wall is the detail that must not be
+lost, and how many of the neighbourhood's radii it is taken for."""
+
 ROUNDING = 1e-6
 """Noise below this share of the scan's extent is that of its coordinates' digits."""
 
@@ -80,7 +84,7 @@ def estimate_noise(
     while True:
         if position is None and sheets.radius >= WIDE * sheets.noise:
             position = sheets.noise if sheets.noise > least else 0.0
-        if position is not None and sheets.residual**2 >= 2 * position**2:
+        if position is not None and (sheets.residual**2 >= 2 * position**2 or sheets.two_walls):
             break
         if len(points) < THINNING * THINNEST:
             break
@@ -89,6 +93,8 @@ def estimate_noise(
         sheets = _look(points, normals, random, threads, check)
     position = sheets.noise if position is None else position
     detail = sheets.radius
+    if sheets.two_walls and sheets.residual**2 < 2 * position**2:
+        detail *= BEYOND_WALLS
     apart = math.sqrt(max(sheets.residual**2 - position**2, position**2))
     if apart:
         # What a quadric cannot follow grows with the cube of the radius; below the nearest
@@ -100,12 +106,14 @@ def estimate_noise(
 @dataclass(frozen=True)
 class _Sheets:
     """Of neighbourhoods the median radius, what quadrics leave over, squared and averaged so that
-    creases count, the noise in it, and the median scatter of the normals."""
+    creases count, the noise in it, the median scatter of the normals, and whether most hold the
+    other face of a wall too."""
 
     radius: float
     residual: float
     noise: float
     tilt: float
+    two_walls: bool
 
 
 def _look(
@@ -135,7 +143,8 @@ def _look(
     noise = min(nugget, float(np.median(deviation)))
     radius = max(float(np.median(away[:, -1])), np.finfo(float).tiny)
     noise *= 1 + NARROWED * (noise / radius) ** 2
-    return _Sheets(radius, residual, noise, tilt)
+    two_walls = bool(np.median((~sheet).mean(1)) > OTHER_WALL)
+    return _Sheets(radius, residual, noise, tilt, two_walls)
 
 
 def _side(normals: np.ndarray) -> np.ndarray:
