@@ -6,6 +6,7 @@ import contextlib
 import importlib.util
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
 from collections.abc import Iterator
@@ -51,7 +52,9 @@ def running_postgres() -> Iterator[str]:
         "-c", "listen_addresses=127.0.0.1",
     ]  # fmt: skip
     try:
-        with running_process(command, b"ready to accept connections", cwd=folder, **identity):
+        # Fast: told to end any other way it would wait for every client to leave.
+        ready = b"ready to accept connections"
+        with running_process(command, ready, signal.SIGINT, cwd=folder, **identity):
             yield f"postgresql://visco@127.0.0.1:{port}/postgres"
     finally:
         shutil.rmtree(folder)

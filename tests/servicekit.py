@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import signal
 import socket
 import subprocess
 import threading
@@ -116,9 +117,12 @@ def running_api(settings: Settings, dashboard: Path = BUILD) -> Iterator[httpx.C
 
 @contextlib.contextmanager
 def running_process(
-    command: Sequence[object], ready: bytes, **options: Any
+    command: Sequence[object], ready: bytes, stop: signal.Signals = signal.SIGTERM, **options: Any
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """A server as a process of its own; it is there once it has printed ``ready``."""
+    """A server as a process of its own; it is there once it has printed ``ready``.
+
+    Raises TimeoutExpired where it does not end within 20 s of the signal ``stop``, and kills it.
+    """
     process = subprocess.Popen(
         [str(word) for word in command],
         stdout=subprocess.PIPE,
@@ -140,9 +144,12 @@ def running_process(
         try:
             yield process
         finally:
-            process.terminate()
-            process.wait(20)
-            drain.join()
+            process.send_signal(stop)
+            try:
+                process.wait(20)
+            finally:
+                process.kill()
+                drain.join()
 
 
 @contextlib.contextmanager
