@@ -203,7 +203,8 @@ def find_scattered(
     planes through neighbours. A point is off the surface if half of its 12 nearest lie more than
     17° (sine 0.3) off its own plane, or it off theirs. Scans are left alone unless five points or
     more lie in lonely places, which coarse cells tell, and nine in ten of these are off the
-    surface: elsewhere the scan is only sparse. Then all points go that are 1.5 times farther from
+    surface: elsewhere the scan is only sparse. (Once some are found, one lonely point is enough to
+    go on.) Then all points go that are 1.5 times farther from
     their 12 nearest than is usual, and off, or 16 times farther than one of 36 nearest is from its
     own: fewer together are no surface. What is left is looked at again while that finds more, up
     to ten times in all: among many such points some look like a surface until the others are gone.

@@ -77,7 +77,11 @@ def reconstruct(
     if config.profile == "fast":
         with clock.phase("noise") as entry:
             noise = estimate_noise(points, normals, config.seed, backend.threads, clock.check)
-            entry.update(position=noise.position * frame.scale, normal_radians=noise.normal)
+            entry.update(
+                position=noise.position * frame.scale,
+                detail=noise.detail * frame.scale,
+                normal_radians=noise.normal,
+            )
         resolutions = plan_resolutions(config.resolution)
         weights = weights_for_noise(noise, len(points), resolutions, derived=derived)
         settings = decide(config, weights)

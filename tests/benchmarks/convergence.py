@@ -120,14 +120,10 @@ class Level:
         return self.backend.array(values)
 
 
-def _solved(level: Level, solver: GaussNewton) -> Trace:
-    return _traced(level.energy(), [(1.0, solver)], level.start())[0]
-
-
-def _continued(level: Level) -> Trace:
-    return _traced(level.energy(), [(f, GaussNewton(4, 30)) for f in CONTINUATION], level.start())[
-        0
-    ]
+def _solved(level: Level, solver: GaussNewton, factors: tuple[float, ...] = (1.0,)) -> Trace:
+    """From the level's own start, at these multiples of ε in turn."""
+    stages = [(factor, solver) for factor in factors]
+    return _traced(level.energy(), stages, level.start())[0]
 
 
 def _nested(level: Level) -> Trace:
@@ -169,7 +165,7 @@ SOLVERS: dict[str, Callable[[Level], Trace]] = {
     "BPX, 20 × 30": lambda level: _solved(level, GaussNewton(20, 30, outer_tolerance=0.0)),
     "BPX, 10 × 30, line search": lambda level: _solved(level, LineSearch(10, 30)),
     "BPX, from 33³, 10 × 30": _nested,
-    OURS: _continued,
+    OURS: lambda level: _solved(level, GaussNewton(4, 30), CONTINUATION),
 }
 """What is compared; the last is the profile ``fast``, less its extrapolation."""
 
