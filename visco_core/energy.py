@@ -57,9 +57,9 @@ class Energy:
             weights.point / samples.total,
             weights.normal / samples.total,
         )
-        self._pull = self._scattered(self._vectors)
+        self._pull = self.scattered(self._vectors)
 
-    def _scattered(self, per_corner: Array) -> Array:
+    def scattered(self, per_corner: Array) -> Array:
         out = self.grid.backend.zeros(len(self.grid) + 1)
         samples = self.samples
         self._kernels.scatter(per_corner, samples.corners, samples.slabs, self.grid.flags, out)
@@ -161,7 +161,7 @@ class Energy:
         self._kernels.viscosity_diagonal(
             at.slopes, grid.runs, grid.flags, self._laplace, self._scale, out
         )
-        return out + self._scattered(self._matrices[:, 0])
+        return out + self.scattered(self._matrices[:, 0])
 
     def spline_energies(self, basis: np.ndarray, spacing: int, side: int) -> Array:
         """What the points and normals make of each spline (side,)³ whose knots lie on the grid.
@@ -186,9 +186,14 @@ class Energy:
             laplacian += low + high
         return float(self._scale * (slopes + np.square(self._laplace * laplacian).sum()))
 
-    def with_epsilon(self, epsilon: float) -> Energy:
-        """The same energy with another ε; shares the points' matrices."""
-        other = copy.copy(self)
-        other.weights = replace(self.weights, viscosity_epsilon=epsilon)
+    def with_viscosity(
+        self, *, weight: float | None = None, epsilon: float | None = None
+    ) -> Energy:
+        """The same energy with another λv or ε; shares the points' matrices."""
+        other, old = copy.copy(self), self.weights
+        weight = old.viscosity if weight is None else weight
+        epsilon = old.viscosity_epsilon if epsilon is None else epsilon
+        other.weights = replace(old, viscosity=weight, viscosity_epsilon=epsilon)
+        other._scale = np.float32(weight / self.grid.side**3)
         other._laplace = np.float32(epsilon * self.grid.resolution**2)
         return other

@@ -24,6 +24,7 @@ from visco_core.grid.samples import Samples, locate
 from visco_core.grid.topology import Grid, dense_grid, refine
 from visco_core.initial import starting_values
 from visco_core.kernels import Array, Backend
+from visco_core.leave_one_out import choose_viscosity
 from visco_core.presets import Settings, Weights
 from visco_core.progress import Check
 from visco_core.result import Outcome
@@ -85,10 +86,13 @@ class Problem:
 
 @dataclass(frozen=True)
 class SolvedLevel:
+    """A level and what it was solved with; the finer ones go on with the same settings."""
+
     grid: Grid
     values: Array
     samples: Samples
     losses: dict[str, float]
+    settings: Settings
 
 
 def plan_resolutions(resolution: int) -> list[int]:
@@ -226,6 +230,7 @@ def solve_levels(
             return best, _outcome(plan, best.grid.resolution, reason)
         if on_level is not None:
             on_level(best)
+        problem = replace(problem, settings=best.settings)
         best = _solve_level(plan, level, best, problem, backend)
     return best, _outcome(plan, best.grid.resolution, None)
 
@@ -263,22 +268,28 @@ def _solve_level(
         clock.check()
         plan.located(time.monotonic() - begun)
         reporter = _Reporter(plan, level)
-        losses: dict[str, float] = {}
-        stages = plan.stages(level)
+        begin, stages = values, plan.stages(level)
+        state: Any = None
         following = [epsilon for epsilon, _ in stages[1:]] + [0.0]
         before: tuple[float, Array] | None = None
         freedom = _freedom(grid, samples) if len(stages) > 1 else None
         for (epsilon, solver), after in zip(stages, following, strict=True):
-            state = minimise(solver, energy.with_epsilon(epsilon), values, clock, reporter.tell)
-            values, losses = state.values, state.losses
+            within = energy.with_viscosity(epsilon=epsilon)
+            state = minimise(solver, within, values, clock, reporter.tell)
+            values = state.values
             reporter.end_stage(state)
             solved = epsilon, values
             if before is not None:
                 values = _towards(after, solved, before, freedom, FARTHEST / resolution)
             before = solved
         plan.measured(level, reporter.work, reporter.seconds)
-        entry.update(steps=reporter.steps, iterations=reporter.work, **losses)
-    return SolvedLevel(grid, values, samples, losses)
+        settings = problem.settings
+        if settings.leave_one_out and level == 1:
+            solver, seed = stages[-1][1], settings.config.seed
+            viscosity, state = choose_viscosity(energy, begin, state, solver, clock, seed)
+            values, settings = state.values, settings.with_viscosity(viscosity)
+        entry.update(steps=reporter.steps, iterations=reporter.work, **state.losses)
+    return SolvedLevel(grid, values, samples, state.losses, settings)
 
 
 def _towards(

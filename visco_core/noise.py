@@ -54,12 +54,14 @@ class Noise:
     """Standard deviations along the surface normal, in units of the points, and of the normals.
 
     ``detail`` is the radius, in units of the points, of neighbourhoods in which the shape departs
-    from a quadric by as much as the noise: finer detail is lost in it.
+    from a quadric by as much as the noise: finer detail is lost in it. ``spacing`` is how far apart
+    neighbours would lie in an even scan as dense.
     """
 
     position: float
     normal: float
     detail: float
+    spacing: float
 
 
 def estimate_noise(
@@ -79,7 +81,7 @@ def estimate_noise(
     nearest = sheets = _look(points, normals, random, threads, check)
     if len(points) <= NEIGHBOURS:
         # One neighbourhood is the whole scan: what a quadric leaves over may well be its shape.
-        return Noise(0.0, nearest.tilt, 0.0)
+        return Noise(0.0, nearest.tilt, 0.0, 0.0)
     position = None
     while True:
         if position is None and sheets.radius >= WIDE * sheets.noise:
@@ -100,7 +102,8 @@ def estimate_noise(
         # What a quadric cannot follow grows with the cube of the radius; below the nearest
         # neighbours it is not seen, and noise that is so much less than it might be none.
         detail *= (position / apart) ** (1 if sheets is nearest else 1 / 3)
-    return Noise(position, nearest.tilt, detail if position else 0.0)
+    spacing = nearest.radius * math.sqrt(math.pi / NEIGHBOURS)
+    return Noise(position, nearest.tilt, detail if position else 0.0, spacing)
 
 
 @dataclass(frozen=True)

@@ -39,11 +39,21 @@ class Schedule:
 
 @dataclass(frozen=True)
 class Settings:
-    """A config with nothing left open; ``weights`` of each level, coarsest first."""
+    """A config with nothing left open; ``weights`` of each level, coarsest first.
+
+    ``leave_one_out``: whether the second level looks for a better λv; see the module of that name.
+    """
 
     config: ReconstructionConfig
     weights: tuple[Weights, ...]
     schedule: Schedule
+    leave_one_out: bool = False
+
+    def with_viscosity(self, viscosity: float) -> Settings:
+        """The same with λv ``viscosity`` on all levels but the coarsest."""
+        coarsest, *finer = self.weights
+        changed = (replace(each, viscosity=viscosity) for each in finer)
+        return replace(self, weights=(coarsest, *changed))
 
 
 PAPER_WEIGHTS = Weights(
@@ -66,7 +76,7 @@ FAST_WEIGHTS = Weights(
 )
 """λn and λv are those of a scan whose noise is not known; see ``weights_for_noise``."""
 
-SMOOTHING = 300.0
+SMOOTHING = 350.0
 """λv · √m / ρ³, with the radius ρ of the finest detail in units of the cube."""
 
 FIRMEST_VISCOSITY = 0.02
@@ -83,6 +93,10 @@ VOXEL_ERROR_OF_NORMALS = 0.1
 the slope of a trilinear voxel is further from the surface's than most normals; as much as the noise
 counts where there is some. On the coarsest level all of it does: there the normals lead the surface
 from what was seen into the holes."""
+
+SPARSE = 6.0
+"""Deviations of the noise from which on points lie far apart: a surface can hardly fold so as to
+follow their noise, so it tells what it makes of points that are left out."""
 
 SHARED_NORMAL_ERROR = 0.135
 """Error of the normals, in radians, that neighbours share and that their scatter does not show:
@@ -136,8 +150,25 @@ def weights_for_noise(
     return tuple(on_level(*entry) for entry in enumerate(resolutions))
 
 
-def decide(config: ReconstructionConfig, weights: tuple[Weights, ...] | None = None) -> Settings:
-    """``config`` with every None filled in: by ``weights`` if given, else by the profile."""
+def is_sparse(noise: Noise, resolutions: list[int]) -> bool:
+    """Whether points left out tell λv better than the noise does.
+
+    They lie farther apart than the voxels of the second level and ``SPARSE`` deviations. In denser
+    scans the noise is well known, but neighbours may share it, and then foretell each other's.
+    """
+    return len(resolutions) > 1 and noise.spacing > max(1 / resolutions[1], SPARSE * noise.position)
+
+
+def decide(
+    config: ReconstructionConfig,
+    weights: tuple[Weights, ...] | None = None,
+    *,
+    sparse: bool = False,
+) -> Settings:
+    """``config`` with every None filled in: by ``weights`` if given, else by the profile.
+
+    λv of a ``sparse`` scan is looked for while solving, unless it is given.
+    """
     if weights is None:
         weights = (PAPER_WEIGHTS if config.profile == "paper" else FAST_WEIGHTS,)
     asked = config.schedule
@@ -154,7 +185,8 @@ def decide(config: ReconstructionConfig, weights: tuple[Weights, ...] | None = N
         learning_rate=asked.learning_rate,
         band_width=band_width,
     )
-    return Settings(config, tuple(_merged(each, config.weights) for each in weights), schedule)
+    merged = tuple(_merged(each, config.weights) for each in weights)
+    return Settings(config, merged, schedule, sparse and config.weights.viscosity is None)
 
 
 def _merged(defaults: Weights, asked: LossWeights) -> Weights:

@@ -21,7 +21,7 @@ from visco_core.multires import Problem, SolvedLevel, plan_resolutions, solve_le
 from visco_core.noise import estimate_noise
 from visco_core.pointcloud import PointCloud
 from visco_core.postprocess import finish_mesh, with_confidence
-from visco_core.presets import Settings, decide, weights_for_noise
+from visco_core.presets import Settings, decide, is_sparse, weights_for_noise
 from visco_core.progress import Check, ProgressCallback, ShouldStop
 from visco_core.remarks import remarks
 from visco_core.result import Mesh, Outcome, Reconstruction
@@ -84,7 +84,7 @@ def reconstruct(
             )
         resolutions = plan_resolutions(config.resolution)
         weights = weights_for_noise(noise, len(points), resolutions, derived=derived)
-        settings = decide(config, weights)
+        settings = decide(config, weights, sparse=is_sparse(noise, resolutions))
     fitted = None if config.normals == "ignore" else normals
     problem = Problem(points, normals, fitted, settings)
 
@@ -109,7 +109,9 @@ def reconstruct(
         mesh = with_confidence(mesh, sure)
         entry.update(vertices=len(mesh.vertices), triangles=len(mesh.faces))
     backend_name = f"{backend.name} on {backend.device}"
-    return Reconstruction(mesh, outcome, _report(settings, clock, outcome, frame, backend_name))
+    return Reconstruction(
+        mesh, outcome, _report(level.settings, clock, outcome, frame, backend_name)
+    )
 
 
 def _best_normals(

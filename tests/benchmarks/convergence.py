@@ -144,7 +144,7 @@ def _traced(
     trace: Trace = []
     seconds, work = 0.0, 0
     for factor, solver in stages:
-        begun, within = time.perf_counter(), energy.with_epsilon(factor * asked)
+        begun, within = time.perf_counter(), energy.with_viscosity(epsilon=factor * asked)
         state = solver.init(within, values)
         while not solver.done(state):
             state = solver.step(within, state, pace)

@@ -17,7 +17,7 @@ from pathlib import Path
 
 _LAUNCH = Path(__file__).with_name("launch.py")
 _ROOT = Path(__file__).resolve().parents[2]
-_PEERS = {
+PEERS = {
     "open3d": "{python} -m tests.benchmarks.open3d_poisson {scan} {out} --depth {depth}",
     "pymeshlab": "{python} -m tests.benchmarks.pymeshlab_methods poisson {scan} {out} "
     "--depth {depth}",
@@ -63,7 +63,7 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--methods",
         default="open3d,visco",
-        help=f"comma-separated, the first is the baseline: visco, {', '.join(_PEERS)}",
+        help=f"comma-separated, the first is the baseline: visco, {', '.join(PEERS)}",
     )
     parser.add_argument(
         "--variant",
@@ -90,7 +90,7 @@ def ours(name: str, options: str = "") -> Method:
 
 def methods_of(arguments: argparse.Namespace) -> list[Method]:
     """The methods that the command line asks for, the baseline first."""
-    known = {**_PEERS, "visco": _OURS}
+    known = {**PEERS, "visco": _OURS}
     methods = []
     for name in filter(None, arguments.methods.split(",")):
         if name not in known:

@@ -10,6 +10,7 @@ import argparse
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
@@ -38,7 +39,7 @@ def main() -> None:
     add_contest_arguments(parser)
     arguments = parser.parse_args()
     methods = methods_of(arguments)
-    scores = list(compete(_cases(arguments), methods, arguments))
+    scores = list(compete(synthetic_cases(arguments), methods, arguments))
     for title, digits, pick in (
         ("Mean distance, 1/1000 of the diagonal", 3, mean_error),
         ("Largest distance, 1/1000 of the diagonal", 1, largest_error),
@@ -52,20 +53,19 @@ def main() -> None:
 
 def mean_error(score: Score) -> float | None:
     """Both ways averaged, in thousandths of the diagonal."""
-    if score.metrics is None:
-        return None
-    sides = score.metrics["point_to_triangle"]
-    total = sides["gt_to_mesh"]["mean"] + sides["mesh_to_gt"]["mean"]
-    return 500.0 * total / score.tags["diagonal"]
+    return thousandths(score.metrics, score.tags["diagonal"], "mean") if score.metrics else None
 
 
 def largest_error(score: Score) -> float | None:
     """The larger of both ways, in thousandths of the diagonal."""
-    if score.metrics is None:
-        return None
-    sides = score.metrics["point_to_triangle"]
-    worst = max(sides["gt_to_mesh"]["max"], sides["mesh_to_gt"]["max"])
-    return 1000.0 * worst / score.tags["diagonal"]
+    return thousandths(score.metrics, score.tags["diagonal"], "max") if score.metrics else None
+
+
+def thousandths(metrics: dict[str, Any], diagonal: float, which: Literal["mean", "max"]) -> float:
+    """The mean or largest of both ways, point to triangle, in thousandths of the diagonal."""
+    sides = metrics["point_to_triangle"]
+    both = [sides[side][which] for side in ("gt_to_mesh", "mesh_to_gt")]
+    return 1000.0 * (max(both) if which == "max" else sum(both) / 2) / diagonal
 
 
 def normal_error(noise: float) -> float:
@@ -73,7 +73,8 @@ def normal_error(noise: float) -> float:
     return 6.0 + 29.0 * min(noise / 0.01, 1.0)
 
 
-def _cases(arguments: argparse.Namespace) -> Iterator[Case]:
+def synthetic_cases(arguments: argparse.Namespace) -> Iterator[Case]:
+    """Every surface with every number of points and every noise, written as scans."""
     folder = arguments.work.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     counts = [int(text) for text in arguments.points.split(",")]

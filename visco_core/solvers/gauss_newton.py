@@ -81,27 +81,43 @@ class GaussNewton:
         return state.converged or state.steps >= self.steps
 
     def _solve(self, energy: Energy, state: GaussNewtonState, pace: Pace) -> tuple[Array, int]:
-        """Preconditioned conjugate gradients for the step δ (N + 1,)."""
-        backend = energy.grid.backend
-        kernels = backend.kernels
-        at, coarser = state.at, state.coarser
-        inverse = inverse_diagonal(energy.diagonal(at))
-        x, q = backend.zeros(*at.values.shape), backend.zeros(*at.values.shape)
-        r = -at.gradient
-        z = inverse * r
-        rz = first = coarser.correct(r, z) if coarser else kernels.dot(r, z)
-        p = z + 0
-        for iteration in range(self.inner_steps):
-            pace.check()
-            curvature = energy.matvec(at, p, q)
-            if curvature <= 0:
-                return x, iteration
-            previous = rz
-            rz = kernels.cg_advance(x, r, p, q, np.float32(rz / curvature), inverse, z)
-            if coarser:
-                rz = coarser.correct(r, z)
-            enough = rz <= self.inner_tolerance**2 * first
-            if enough or (iteration >= LEAST_INNER_STEPS and pace.late()):
-                return x, iteration + 1
-            kernels.cg_direction(p, z, np.float32(rz / previous))
-        return x, self.inner_steps
+        """The step δ (N + 1,) and its iterations."""
+        at, limits = state.at, (self.inner_steps, self.inner_tolerance)
+        return conjugate_gradients(energy, at, -at.gradient, *limits, pace, state.coarser)
+
+
+def conjugate_gradients(
+    energy: Energy,
+    at: Linearisation,
+    right: Array,
+    steps: int,
+    tolerance: float,
+    pace: Pace,
+    coarser: Multilevel | None = None,
+) -> tuple[Array, int]:
+    """x (N + 1,) with H x = ``right``, H the operator of ``energy.matvec``, and the steps taken.
+
+    Preconditioned by the diagonal and ``coarser``. Ends where the preconditioned residual has
+    fallen to ``tolerance`` of its first, after ``steps``, or where the pace is late.
+    """
+    kernels, zeros = energy.grid.backend.kernels, energy.grid.backend.zeros
+    inverse = inverse_diagonal(energy.diagonal(at))
+    x, q = zeros(*right.shape), zeros(*right.shape)
+    r = right + 0
+    z = inverse * r
+    rz = first = coarser.correct(r, z) if coarser else kernels.dot(r, z)
+    p = z + 0
+    for step in range(steps):
+        pace.check()
+        curvature = energy.matvec(at, p, q)
+        if curvature <= 0:
+            return x, step
+        previous = rz
+        rz = kernels.cg_advance(x, r, p, q, np.float32(rz / curvature), inverse, z)
+        if coarser:
+            rz = coarser.correct(r, z)
+        enough = rz <= tolerance**2 * first
+        if enough or (step >= LEAST_INNER_STEPS and pace.late()):
+            return x, step + 1
+        kernels.cg_direction(p, z, np.float32(rz / previous))
+    return x, steps

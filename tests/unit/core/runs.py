@@ -1,4 +1,4 @@
-"""Runs on a small ball, as the tests of whole reconstructions share them."""
+"""Runs on a small ball, and a clock, as the tests of solves and whole runs share them."""
 
 from __future__ import annotations
 
@@ -60,3 +60,19 @@ class Record:
             on_level=lambda mesh, resolution: levels.append((mesh, resolution)),
         )
         return cls(result, progress, levels)
+
+
+@dataclasses.dataclass
+class Pace:
+    """Counts what it is asked; late from its ``patience``-th question on."""
+
+    patience: float = float("inf")
+    checks: int = 0
+    questions: int = 0
+
+    def check(self) -> None:
+        self.checks += 1
+
+    def late(self) -> bool:
+        self.questions += 1
+        return self.questions > self.patience

@@ -216,12 +216,13 @@ def test_a_seed_decides_the_sample(native_backend: Backend, reference_backend: B
     np.testing.assert_allclose(first, other, atol=1e-5 * np.abs(other).max())
 
 
-def test_another_epsilon_gives_the_energy_that_was_built_with_it(backend: Backend) -> None:
+def test_another_viscosity_gives_the_energy_that_was_built_with_it(backend: Backend) -> None:
     values = backend.array(noisy_distance(17))
-    built = make_energy(backend, replace(WEIGHTS, viscosity_epsilon=0.1)).linearise(values)
+    other = replace(WEIGHTS, viscosity=3 * WEIGHTS.viscosity, viscosity_epsilon=0.1)
+    built = make_energy(backend, other).linearise(values)
     energy = make_energy(backend, WEIGHTS)
     before = energy.linearise(values)
-    changed = energy.with_epsilon(0.1).linearise(values)
+    changed = energy.with_viscosity(weight=other.viscosity, epsilon=0.1).linearise(values)
     assert changed.losses == built.losses
     assert changed.losses["viscosity"] != before.losses["viscosity"]
     assert energy.linearise(values).losses == before.losses

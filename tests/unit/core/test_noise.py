@@ -129,15 +129,15 @@ def test_few_points_are_enough_for_an_estimate() -> None:
 
 
 def test_smoothing_grows_with_the_detail_that_noise_hides_and_falls_with_the_points() -> None:
-    few = weights_for_noise(Noise(0.01, 0.3, 0.03), 10_000, [64, 1024])[-1]
-    many = weights_for_noise(Noise(0.01, 0.3, 0.03), 1_000_000, [64, 1024])[-1]
-    detailed = weights_for_noise(Noise(0.01, 0.3, 0.015), 10_000, [64, 1024])[-1]
+    few = weights_for_noise(Noise(0.01, 0.3, 0.03, 0.004), 10_000, [64, 1024])[-1]
+    many = weights_for_noise(Noise(0.01, 0.3, 0.03, 0.004), 1_000_000, [64, 1024])[-1]
+    detailed = weights_for_noise(Noise(0.01, 0.3, 0.015, 0.004), 10_000, [64, 1024])[-1]
     assert few.viscosity == pytest.approx(10 * many.viscosity, rel=0.1)
     assert few.viscosity == pytest.approx(8 * detailed.viscosity, rel=0.1)
 
 
 def test_normals_weigh_against_points_as_their_variances_say() -> None:
-    weights = weights_for_noise(Noise(0.01, 0.2, 0.1), 10_000, [1024])[-1]
+    weights = weights_for_noise(Noise(0.01, 0.2, 0.1, 0.004), 10_000, [1024])[-1]
     variance = 0.2**2 + SHARED_NORMAL_ERROR**2
     assert weights.normal / weights.point == pytest.approx(0.01**2 / variance, rel=1e-3)
 
@@ -145,13 +145,13 @@ def test_normals_weigh_against_points_as_their_variances_say() -> None:
 def test_normals_weigh_more_against_points_whose_noise_hides_the_voxels_error() -> None:
     voxel = (VOXEL_ERROR / 256) ** 2
     for noise, counted in ((0.0, 0.1 * voxel), (2e-4, 2e-4**2), (1e-3, voxel)):
-        weights = weights_for_noise(Noise(noise, 0.0, 0.02), 10_000, [64, 256])[-1]
+        weights = weights_for_noise(Noise(noise, 0.0, 0.02, 0.003), 10_000, [64, 256])[-1]
         expected = 0.1 * (noise**2 + counted) / SHARED_NORMAL_ERROR**2
         assert weights.normal == pytest.approx(expected)
 
 
 def test_normals_made_from_the_points_count_on_the_coarsest_level_alone() -> None:
-    noise, resolutions = Noise(0.001, 0.2, 0.02), [64, 128, 256]
+    noise, resolutions = Noise(0.001, 0.2, 0.02, 0.003), [64, 128, 256]
     given = weights_for_noise(noise, 100_000, resolutions)
     made = weights_for_noise(noise, 100_000, resolutions, derived=True)
     assert [weights.normal for weights in made] == [given[0].normal, 0, 0]
@@ -159,14 +159,14 @@ def test_normals_made_from_the_points_count_on_the_coarsest_level_alone() -> Non
 
 
 def test_an_exact_scan_still_gets_the_smoothing_of_a_voxel() -> None:
-    noise = Noise(0.0, 0.0, 0.0)
+    noise = Noise(0.0, 0.0, 0.0, 0.003)
     for each, level in zip(weights_for_noise(noise, 100_000, [64, 256]), (64, 256), strict=True):
         assert each.viscosity == pytest.approx(LEAST_VISCOSITY / level**1.5)
         assert 0 < each.normal < 1e-3
 
 
 def test_coarse_voxels_smooth_more_and_trust_normals_more() -> None:
-    noise = Noise(0.001, 0.2, 0.02)
+    noise = Noise(0.001, 0.2, 0.02, 0.003)
     coarse, middle, fine = weights_for_noise(noise, 100_000, [64, 128, 256])
     assert coarse.viscosity > middle.viscosity > fine.viscosity
     assert coarse.normal > middle.normal > fine.normal

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import THREADS
+from runs import Pace
 from scipy.spatial import KDTree
 
 from visco_core.energy import Energy
@@ -24,22 +25,6 @@ from visco_core.solvers.adam import ITERATIONS_PER_STEP, TINY, Adam
 from visco_core.solvers.gauss_newton import LEAST_INNER_STEPS, GaussNewton, GaussNewtonState
 from visco_core.solvers.loop import minimise
 from visco_core.solvers.preconditioner import Multilevel
-
-
-@dataclass
-class Pace:
-    """Counts what it is asked; late from its ``patience``-th question on."""
-
-    patience: float = float("inf")
-    checks: int = 0
-    questions: int = 0
-
-    def check(self) -> None:
-        self.checks += 1
-
-    def late(self) -> bool:
-        self.questions += 1
-        return self.questions > self.patience
 
 
 @dataclass
