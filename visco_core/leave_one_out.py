@@ -57,7 +57,7 @@ def choose_viscosity(
             other = energy.with_viscosity(weight=viscosity)
             found = minimise(solver, other, begin, pace, lambda _: None)
             missed = _error(other, found.at, probe, pace)
-            if missed > (1 - GAIN) * error:
+            if pace.late() or missed > (1 - GAIN) * error:
                 break
             moved, best, error, state = True, viscosity, missed, found
         if moved:
