@@ -7,11 +7,10 @@ level. The last column is the chosen one's error as a share of the best fixed on
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from tests.benchmarks.contest import Case, add_run_arguments
 from tests.benchmarks.peers import PEERS, Method, run_method
-from tests.benchmarks.synthetic import synthetic_cases, thousandths
+from tests.benchmarks.synthetic import add_scan_arguments, synthetic_cases, thousandths
 from tests.benchmarks.tables import markdown_table, rounded
 from visco_core.config import LossWeights, ReconstructionConfig
 from visco_core.io import read_mesh, read_points
@@ -24,12 +23,8 @@ FIXED = tuple(10.0**power for power in range(-6, -1))
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--meshes", type=Path, help="folder of watertight meshes")
-    parser.add_argument("--surfaces", default="armadillo,fandisk,fertility,bracket,octopus")
-    parser.add_argument("--points", default="5000,50000")
-    parser.add_argument("--noise", default="0,0.001,0.005,0.01", help="fractions of the diagonal")
+    add_scan_arguments(parser, points="5000,50000", noise="0,0.001,0.005,0.01")
     parser.add_argument("--resolution", type=int, default=256)
-    parser.add_argument("--no-open3d", action="store_true", help="leave Open3D's Poisson out")
     add_run_arguments(parser)
     parser.set_defaults(samples=60_000)
     arguments = parser.parse_args()
@@ -54,22 +49,19 @@ def _row(case: Case, arguments: argparse.Namespace) -> list[str]:
         return error(found.mesh), found.report["settings"]["weights"][-1]["viscosity"]
 
     def error(mesh: Mesh) -> float:
+        assert case.truth is not None
         metrics = evaluate(mesh, case.truth, samples=arguments.samples)
         return thousandths(metrics, case.tags["diagonal"], "mean")
 
-    theirs = None
-    if not arguments.no_open3d:
-        out = case.scan.with_suffix(".open3d.ply")
-        method = Method("open3d", PEERS["open3d"])
-        run_method(method, case.scan, out, arguments.resolution, arguments.timeout)
-        theirs = error(read_mesh(out))
+    out, open3d = case.scan.with_suffix(".open3d.ply"), Method("open3d", PEERS["open3d"])
+    run_method(open3d, case.scan, out, arguments.resolution, arguments.timeout)
     chosen, viscosity = solved()
     fixed = [solved(viscosity=each)[0] for each in FIXED]
     return [
         case.tags["surface"],
         str(case.tags["points"]),
         f"{100 * case.tags['noise']:g} %",
-        rounded(theirs, 3),
+        rounded(error(read_mesh(out)), 3),
         rounded(chosen, 3),
         f"{viscosity:.1e}",
         *(rounded(each, 3) for each in fixed),

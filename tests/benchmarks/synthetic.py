@@ -31,10 +31,7 @@ from visco_core.result import Mesh
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--meshes", type=Path, help="folder of watertight meshes")
-    parser.add_argument("--surfaces", default="armadillo,fandisk,fertility,bracket,octopus")
-    parser.add_argument("--points", default="20000,200000")
-    parser.add_argument("--noise", default="0,0.002,0.01", help="std, fractions of the diagonal")
+    add_scan_arguments(parser, points="20000,200000", noise="0,0.002,0.01")
     add_method_arguments(parser)
     add_contest_arguments(parser)
     arguments = parser.parse_args()
@@ -49,6 +46,14 @@ def main() -> None:
     print_problems(scores)
     if arguments.json:
         write_report(arguments.json, arguments, scores)
+
+
+def add_scan_arguments(parser: argparse.ArgumentParser, *, points: str, noise: str) -> None:
+    """What ``synthetic_cases`` reads, but for ``--work``, with these defaults."""
+    parser.add_argument("--meshes", type=Path, help="folder of watertight meshes")
+    parser.add_argument("--surfaces", default="armadillo,fandisk,fertility,bracket,octopus")
+    parser.add_argument("--points", default=points)
+    parser.add_argument("--noise", default=noise, help="std, fractions of the diagonal")
 
 
 def mean_error(score: Score) -> float | None:

@@ -19,12 +19,7 @@ from visco_core.kernels import Backend
 from visco_core.leave_one_out import STEP, _error, _probe, choose_viscosity
 from visco_core.noise import Noise
 from visco_core.pointcloud import PointCloud
-from visco_core.presets import (
-    FAST_WEIGHTS,
-    FIRMEST_VISCOSITY,
-    decide,
-    is_sparse,
-)
+from visco_core.presets import FAST_WEIGHTS, FIRMEST_VISCOSITY, decide, is_sparse
 from visco_core.reconstruction import reconstruct
 from visco_core.solvers.gauss_newton import GaussNewton, GaussNewtonState
 from visco_core.solvers.loop import minimise
@@ -34,10 +29,10 @@ SOLVER = GaussNewton(3, 40)
 
 
 class Scan:
-    """A noisy bumpy torus in the cube, of 1,000 points of which some may be left out."""
+    """A noisy torus in the cube, of 1,000 points of which some may be left out."""
 
-    def __init__(self, backend: Backend, noise: float = 0.001) -> None:
-        cloud = uniform_scan(SHAPES["torus"](), 1000, noise=noise, seed=2)
+    def __init__(self, backend: Backend) -> None:
+        cloud = uniform_scan(SHAPES["torus"](), 1000, noise=0.001, seed=2)
         assert cloud.normals is not None
         self.points = Normalisation.of(cloud.points).to_cube(cloud.points)
         self.normals = cloud.normals
@@ -94,6 +89,17 @@ def test_the_search_ends_where_neither_neighbour_is_better(begin: float, scan: S
     for other in (found / STEP, found * STEP):
         assert foretold(scan, other) > 0.97 * here
     assert found <= FIRMEST_VISCOSITY
+
+
+@pytest.mark.parametrize(
+    ("begin", "bound", "value"), [(1e-5, "FIRMEST_VISCOSITY", 5e-5), (1e-2, "LOWEST", 5e-3)]
+)
+def test_the_search_stays_within_its_bounds(
+    begin: float, bound: str, value: float, scan: Scan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without them it ends at 3e-3 from either side."""
+    monkeypatch.setattr(f"visco_core.leave_one_out.{bound}", value)
+    assert min(begin, value) <= scan.choose(begin) <= max(begin, value)
 
 
 def test_a_late_search_keeps_what_it_has(scan: Scan) -> None:
