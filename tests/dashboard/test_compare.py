@@ -87,6 +87,27 @@ def test_colors_mean_the_same_in_both_and_one_section_cuts_both(
     assert overlap(*cut) > 0.9
 
 
+def test_a_scale_that_is_drawn_anew_leaves_what_is_being_typed(
+    open_page: OpenPage, finished: str, coarse: str
+) -> None:
+    page = open_page(f"/compare?jobs={finished},{coarse}")
+    page.get_by_label("Surface shown as").select_option("error")
+    ends, sliders = page.get_by_label("Colors end at"), page.get_by_label("Upper end of the colors")
+    expect(ends).to_have_count(2)
+    ends.first.fill("0.07")
+    before = ends.last.input_value()
+    sliders.last.evaluate(
+        """slider => {
+            slider.value = 0.5;
+            slider.dispatchEvent(new Event('input', { bubbles: true }));
+        }"""
+    )
+    expect(ends.last).not_to_have_value(before)
+    expect(ends.first).to_have_value("0.07")
+    ends.first.press("Enter")
+    expect(ends.last).to_have_value("0.07")
+
+
 def test_a_viewer_that_comes_later_looks_where_the_first_looks(
     context: BrowserContext, open_page: OpenPage, finished: str, coarse: str
 ) -> None:

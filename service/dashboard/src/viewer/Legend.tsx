@@ -1,4 +1,5 @@
 /** The scale of the colors, with how many vertices have each. */
+import { useSignal } from "@preact/signals";
 import { Fragment } from "preact";
 import { percent, significant } from "../logic/format";
 import { cssColorAt } from "./colormap";
@@ -74,9 +75,14 @@ export function Legend({ title, unit, values, summary, low, high, facts, onEnd }
   );
 }
 
-/** A tolerance is typed; empty goes back to what the data suggest. */
+/**
+ * A tolerance is typed; empty goes back to what the data suggest. What is being typed stays where
+ * the scale is drawn anew meanwhile, as when the other surface's distances arrive.
+ */
 function End({ high, onEnd }: { high: number; onEnd: (end: number | null) => void }) {
+  const typed = useSignal<string | null>(null);
   const take = (text: string) => {
+    typed.value = null;
     const value = Number(text);
     if (text.trim() === "") onEnd(null);
     else if (value > 0 && Number.isFinite(value)) onEnd(value);
@@ -87,7 +93,9 @@ function End({ high, onEnd }: { high: number; onEnd: (end: number | null) => voi
       aria-label="Colors end at"
       inputMode="decimal"
       autocomplete="off"
-      value={significant(high)}
+      value={typed.value ?? significant(high)}
+      onInput={(event) => (typed.value = event.currentTarget.value)}
+      onBlur={() => (typed.value = null)}
       onChange={(event) => take(event.currentTarget.value)}
     />
   );
