@@ -18,7 +18,7 @@ import numpy as np
 
 from visco_core.energy import Energy, Linearisation
 from visco_core.kernels import Array
-from visco_core.presets import FIRMEST_VISCOSITY
+from visco_core.presets import GREATEST_VISCOSITY, LEAST_VISCOSITY
 from visco_core.solvers.gauss_newton import GaussNewtonState, conjugate_gradients
 from visco_core.solvers.loop import Pace, Solver, minimise
 
@@ -27,9 +27,6 @@ STEP = math.sqrt(10)
 
 GAIN = 0.01
 """Share of the error that a step must take off: the trace is known no better."""
-
-LOWEST = 1e-6
-"""λv below which stray pieces appear."""
 
 INNER_STEPS, TOLERANCE = 60, 1e-2
 """Of the trace's solve. Fewer steps make smooth surfaces seem to follow the points less."""
@@ -53,7 +50,7 @@ def choose_viscosity(
     best, error = energy.weights.viscosity, _error(energy, state.at, probe, pace)
     for factor in (STEP, 1 / STEP):
         moved = False
-        while not pace.late() and LOWEST <= (viscosity := factor * best) <= FIRMEST_VISCOSITY:
+        while not pace.late() and _allowed(viscosity := factor * best):
             other = energy.with_viscosity(weight=viscosity)
             found = minimise(solver, other, begin, pace, lambda _: None)
             missed = _error(other, found.at, probe, pace)
@@ -63,6 +60,10 @@ def choose_viscosity(
         if moved:
             break
     return best, state
+
+
+def _allowed(viscosity: float) -> bool:
+    return LEAST_VISCOSITY <= viscosity <= GREATEST_VISCOSITY
 
 
 def _error(energy: Energy, at: Linearisation, probe: np.ndarray, pace: Pace) -> float:

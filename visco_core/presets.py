@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from visco_core.config import LossWeights, ReconstructionConfig
 
@@ -76,14 +77,29 @@ FAST_WEIGHTS = Weights(
 )
 """λn and λv are those of a scan whose noise is not known; see ``weights_for_noise``."""
 
-SMOOTHING = 350.0
-"""λv · √m / ρ³, with the radius ρ of the finest detail in units of the cube."""
+SMOOTHED = 11 * FAST_WEIGHTS.viscosity_epsilon
+"""Radius, in units of the cube, over which a quadric misses the surface about as the solution does,
+whatever λv."""
 
-FIRMEST_VISCOSITY = 0.02
-"""λv that ever coarser detail tends to: over more than a few ε the surface would shrink."""
+BEND_ERROR = 7.0
+"""What the solution's error from smoothing is, over √λv and over that of a quadric."""
 
-LEAST_VISCOSITY = 0.0096
-"""λv · n^1.5 of an exact scan on a level of n voxels an axis: what trilinear voxels need."""
+CURVE_ERROR, CURVE_VISCOSITY = 4 * FAST_WEIGHTS.viscosity_epsilon**2, 5e-4
+"""Error on the smoothest shapes, in units of the cube, that ever larger λv tends to, and λv with
+which it is half of it."""
+
+NOISE_ERROR = 2.4
+"""What is left of the noise, times λv^¼, over the noise and over the spacing of the points."""
+
+ROUGHNESS = 0.026
+"""What trilinear voxels make of exact points, as noise, in voxels."""
+
+LEAST_VISCOSITY, GREATEST_VISCOSITY = 1e-6, 0.1
+"""λv below which stray pieces appear, and beyond which the levels' iterations do not suffice."""
+
+THIN_WALL = 10 / 3
+"""λv^⅓ over the radius, in units of the cube, at which other walls come near: with more they run
+together."""
 
 VOXEL_ERROR = 0.1
 """What trilinear voxels add to the noise of the points, as a share of a voxel."""
@@ -112,7 +128,7 @@ FAST_OUTER_STEPS, FAST_INNER_STEPS, FAST_BAND_WIDTH = (4, 2), (30, 30), 4.0
 
 
 def weights_for_noise(
-    noise: Noise, points: int, resolutions: list[int], *, derived: bool = False
+    noise: Noise, resolutions: list[int], *, derived: bool = False
 ) -> tuple[Weights, ...]:
     """The weights of the profile ``fast`` on each level for a scan's noise in units of the cube.
 
@@ -120,14 +136,7 @@ def weights_for_noise(
     1/σ² : 1/σn², so λn = λp σ² / σn², where σ² is the noise and what the level's voxels add to it,
     and σn² the scatter of the normals and the error that neighbours share.
 
-    The viscosity resists a ripple of wave number k as λv k⁴, so it smooths over a radius R ∝ λv^¼.
-    That should be where what is lost of the shape equals what is left of the noise. A quadric over
-    a radius R is off by σ (R/ρ)³, ρ being ``noise.detail``, and keeps σ/√(m R²) of the noise of m
-    points: R⁴ ∝ ρ³/√m, and
-
-        λv = SMOOTHING · ρ³/√m + LEAST_VISCOSITY/n^1.5
-
-    on a level of n voxels an axis, the first term as s/(1 + s/FIRMEST_VISCOSITY).
+    λv is that with the least error, expected from two sides (``expected_error``).
 
     ``derived`` normals were computed from the points. They repeat what these say, errors included,
     so they count on the coarsest level alone.
@@ -135,8 +144,6 @@ def weights_for_noise(
     base = FAST_WEIGHTS
     normal_variance = noise.normal**2 + SHARED_NORMAL_ERROR**2
     variance = noise.position**2
-    smoothing = SMOOTHING * noise.detail**3 / math.sqrt(points)
-    smoothing /= 1 + smoothing / FIRMEST_VISCOSITY
 
     def on_level(level: int, resolution: int) -> Weights:
         voxel = (VOXEL_ERROR / resolution) ** 2
@@ -144,10 +151,46 @@ def weights_for_noise(
         normal = base.point * (variance + for_normals) / normal_variance
         if derived and level:
             normal = 0.0
-        viscosity = smoothing + LEAST_VISCOSITY / resolution**1.5
+        viscosity = _best_viscosity(noise, resolution)
         return replace(base, normal=min(normal, 1e-3), viscosity=viscosity)
 
     return tuple(on_level(*entry) for entry in enumerate(resolutions))
+
+
+def expected_error(noise: Noise, resolution: int, viscosity: np.ndarray) -> np.ndarray:
+    """By how much the surface will be off with λv ``viscosity``, in units of the cube.
+
+    Smoothing takes from the shape, with b the bending,
+
+        CURVE_ERROR · λv/(λv + CURVE_VISCOSITY) + BEND_ERROR · b √λv,
+
+    and leaves of noise in points with the spacing s the share
+
+        x/√(1 + x²) where x = NOISE_ERROR · s/λv^¼,
+
+    since the viscosity resists a ripple of wave number k as λv k⁴, so it takes the mean over a
+    radius that grows as λv^¼. On n voxels an axis there is the noise of the points, and that of
+    ROUGHNESS voxels, one voxel apart where the points are not closer. All three are squared and
+    added.
+    """
+    bent = BEND_ERROR * noise.bending * np.sqrt(viscosity)
+    shape = CURVE_ERROR * viscosity / (viscosity + CURVE_VISCOSITY) + bent
+    error: np.ndarray = np.square(shape)
+    voxel = 1 / resolution
+    rough = ROUGHNESS * voxel, min(noise.spacing, voxel)
+    for deviation, spacing in ((noise.position, noise.spacing), rough):
+        means = NOISE_ERROR * spacing / viscosity**0.25
+        error = error + np.square(deviation * means / np.hypot(1, means))
+    return np.sqrt(error)
+
+
+def _best_viscosity(noise: Noise, resolution: int) -> float:
+    """λv with the least expected error that keeps walls apart; of a scan too small to tell, any."""
+    if not noise.spacing:
+        return FAST_WEIGHTS.viscosity
+    greatest = min((noise.wall * THIN_WALL) ** 3, GREATEST_VISCOSITY)
+    tried = np.geomspace(LEAST_VISCOSITY, max(greatest, LEAST_VISCOSITY), 200)
+    return float(tried[expected_error(noise, resolution, tried).argmin()])
 
 
 def is_sparse(noise: Noise, resolutions: list[int]) -> bool:

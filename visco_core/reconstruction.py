@@ -21,7 +21,7 @@ from visco_core.multires import Problem, SolvedLevel, plan_resolutions, solve_le
 from visco_core.noise import estimate_noise
 from visco_core.pointcloud import PointCloud
 from visco_core.postprocess import finish_mesh, with_confidence
-from visco_core.presets import Settings, decide, is_sparse, weights_for_noise
+from visco_core.presets import SMOOTHED, Settings, decide, is_sparse, weights_for_noise
 from visco_core.progress import Check, ProgressCallback, ShouldStop
 from visco_core.remarks import remarks
 from visco_core.result import Mesh, Outcome, Reconstruction
@@ -76,14 +76,16 @@ def reconstruct(
     settings = decide(config)
     if config.profile == "fast":
         with clock.phase("noise") as entry:
-            noise = estimate_noise(points, normals, config.seed, backend.threads, clock.check)
+            noise = estimate_noise(
+                points, normals, SMOOTHED, config.seed, backend.threads, clock.check
+            )
             entry.update(
                 position=noise.position * frame.scale,
-                detail=noise.detail * frame.scale,
+                bending=noise.bending * frame.scale,
                 normal_radians=noise.normal,
             )
         resolutions = plan_resolutions(config.resolution)
-        weights = weights_for_noise(noise, len(points), resolutions, derived=derived)
+        weights = weights_for_noise(noise, resolutions, derived=derived)
         settings = decide(config, weights, sparse=is_sparse(noise, resolutions))
     fitted = None if config.normals == "ignore" else normals
     problem = Problem(points, normals, fitted, settings)

@@ -18,7 +18,7 @@ from visco_core.metrics import evaluate
 from visco_core.reconstruction import reconstruct
 from visco_core.result import Mesh
 
-FIXED = tuple(10.0**power for power in range(-6, -1))
+FIXED = tuple(10.0**power for power in range(-6, 0))
 
 
 def main() -> None:

@@ -148,8 +148,9 @@ def test_the_error_falls_as_the_confidence_grows(name: str, times: float) -> Non
     error, found = solved(make(), scanner)
     tenths = np.array_split(np.argsort(found, kind="stable"), 10)
     means = [error[tenth].mean() for tenth in tenths]
-    # Among the tenths that the scan holds only its noise is left, and they are nearly alike.
-    assert np.all(np.diff(means) < 0.04 * means[-1]), means
+    # Among the tenths that the scan holds only its noise is left, the mean over a radius of which
+    # few lie in a tenth of a smooth shape: they are nearly alike.
+    assert np.all(np.diff(means) < 0.08 * means[-1]), means
     fifths = np.reshape(means, (5, 2)).mean(1)
     assert np.all(np.diff(fifths) < 0), means
     assert means[0] > times * means[-1]

@@ -19,7 +19,7 @@ from visco_core.kernels import Backend
 from visco_core.leave_one_out import STEP, _error, _probe, choose_viscosity
 from visco_core.noise import Noise
 from visco_core.pointcloud import PointCloud
-from visco_core.presets import FAST_WEIGHTS, FIRMEST_VISCOSITY, decide, is_sparse
+from visco_core.presets import FAST_WEIGHTS, GREATEST_VISCOSITY, decide, is_sparse
 from visco_core.reconstruction import reconstruct
 from visco_core.solvers.gauss_newton import GaussNewton, GaussNewtonState
 from visco_core.solvers.loop import minimise
@@ -88,11 +88,12 @@ def test_the_search_ends_where_neither_neighbour_is_better(begin: float, scan: S
     here = foretold(scan, found)
     for other in (found / STEP, found * STEP):
         assert foretold(scan, other) > 0.97 * here
-    assert found <= FIRMEST_VISCOSITY
+    assert found <= GREATEST_VISCOSITY
 
 
 @pytest.mark.parametrize(
-    ("begin", "bound", "value"), [(1e-5, "FIRMEST_VISCOSITY", 5e-5), (1e-2, "LOWEST", 5e-3)]
+    ("begin", "bound", "value"),
+    [(1e-5, "GREATEST_VISCOSITY", 5e-5), (1e-2, "LEAST_VISCOSITY", 5e-3)],
 )
 def test_the_search_stays_within_its_bounds(
     begin: float, bound: str, value: float, scan: Scan, monkeypatch: pytest.MonkeyPatch
@@ -118,7 +119,7 @@ def test_backends_foretell_the_same(native_backend: Backend, reference_backend: 
 
 
 def sparse(position: float, spacing: float) -> bool:
-    return is_sparse(Noise(position, 0.1, 0.02, spacing), [64, 128, 256])
+    return is_sparse(Noise(position, 0.1, 0.002, np.inf, spacing), [64, 128, 256])
 
 
 def test_sparse_points_lie_farther_apart_than_voxels_and_noise() -> None:
@@ -126,7 +127,7 @@ def test_sparse_points_lie_farther_apart_than_voxels_and_noise() -> None:
     assert sparse(0.0, 0.01)
     assert not sparse(0.0, 0.007)
     assert not sparse(0.002, 0.01)
-    assert not is_sparse(Noise(0.0, 0.1, 0.02, 0.01), [64])
+    assert not is_sparse(Noise(0.0, 0.1, 0.002, np.inf, 0.01), [64])
 
 
 def test_a_viscosity_that_the_user_gives_is_not_looked_for() -> None:

@@ -362,7 +362,7 @@ def test_a_corner_that_no_point_saw_is_sharper_than_at_the_asked_epsilon(
     points, normals = 0.5 + scale * cloud.points[seen], cloud.normals[seen]
     chosen = decide(
         ReconstructionConfig(resolution=64),
-        weights_for_noise(Noise(5e-4, 0.05, 0.02, 0.003), len(points), [64]),
+        weights_for_noise(Noise(5e-4, 0.05, 0.0014, np.inf, 0.003), [64]),
     )
 
     def error() -> float:

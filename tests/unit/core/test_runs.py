@@ -50,7 +50,7 @@ def test_the_report_is_json_and_says_what_was_done(record: Record) -> None:
     assert report["seconds"] > 0
     assert report["peak_memory_bytes"] > 2**20
     (noise,) = (phase for phase in report["phases"] if phase["phase"] == "noise")
-    assert noise.keys() >= {"position", "detail", "normal_radians"}
+    assert noise.keys() >= {"position", "bending", "normal_radians"}
     last = report["phases"][-1]
     assert last["phase"] == "extract"
     assert last["vertices"] == len(record.result.mesh.vertices)
