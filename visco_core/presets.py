@@ -97,8 +97,8 @@ ROUGHNESS = 0.026
 LEAST_VISCOSITY, GREATEST_VISCOSITY = 1e-6, 0.1
 """λv below which stray pieces appear, and beyond which the levels' iterations do not suffice."""
 
-THIN_WALL = 10 / 3
-"""λv^⅓ over the radius, in units of the cube, at which other walls come near: with more they run
+THIN_WALL = 5.0
+"""λv^¼ over the radius, in units of the cube, at which other walls come near: with more they run
 together."""
 
 VOXEL_ERROR = 0.1
@@ -188,7 +188,7 @@ def _best_viscosity(noise: Noise, resolution: int) -> float:
     """λv with the least expected error that keeps walls apart; of a scan too small to tell, any."""
     if not noise.spacing:
         return FAST_WEIGHTS.viscosity
-    greatest = min((noise.wall * THIN_WALL) ** 3, GREATEST_VISCOSITY)
+    greatest = min((noise.wall * THIN_WALL) ** 4, GREATEST_VISCOSITY)
     tried = np.geomspace(LEAST_VISCOSITY, max(greatest, LEAST_VISCOSITY), 200)
     return float(tried[expected_error(noise, resolution, tried).argmin()])
 
