@@ -43,7 +43,10 @@ crease's grows with 1.5, but what few points show at large radii are whole parts
 
 @dataclass(frozen=True)
 class _Half:
-    """Quadrics through the neighbours of S places in a half, and how far these reach (S,)."""
+    """Quadrics through the K neighbours of S places in a half, and how far these reach (S,).
+
+    facing (S, K) bool: the neighbours on the place's own side.
+    """
 
     quadrics: Quadrics
     reach: np.ndarray

@@ -1,12 +1,12 @@
 """How noisy a scan is, read off the scan itself: it decides how much smoothing the solve applies.
 
-Around sampled points a quadric is fitted through the nearest neighbours. What it leaves over
-holds the noise, and the detail that the quadric cannot follow; the closer together two points lie,
-the less of the latter their residuals differ by, and what is left for two at the same place is
-noise: the nugget of the residuals' variogram (Matheron, 1963). A neighbourhood no wider than the
-noise is a ball of points rather than a sheet, so the scan is thinned until it is wide enough. Of
-each only the side that most normals face is used: between both faces of a thin wall the thickness
-would pass for noise.
+Around sampled points a quadric is fitted through the nearest neighbours. What it leaves over holds
+the noise, and the detail that the quadric cannot follow; the closer together two points lie, the
+less of the latter their residuals differ by, and what is left for two at the same place is noise:
+the nugget of the residuals' variogram (Matheron, 1963). A neighbourhood no wider than the noise is
+a ball of points rather than a sheet, so the scan is thinned until it is wide enough. Of each only
+the side that most normals face is used: between both faces of a thin wall the thickness would pass
+for noise.
 """
 
 from __future__ import annotations

@@ -131,10 +131,10 @@ SCANS: dict[str, tuple[Callable[[], Shape], Scanner]] = {
 }
 
 
-def solved(shape: Shape, scanner: Scanner) -> tuple[np.ndarray, np.ndarray]:
+def solved(shape: Shape, scanner: Scanner, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Distance to the true surface and confidence of each vertex of the scan's mesh."""
     config = ReconstructionConfig(resolution=96, device="cpu", threads=2)
-    mesh = reconstruct(scan(shape, scanner, seed=1), config).mesh
+    mesh = reconstruct(scan(shape, scanner, seed=seed), config).mesh
     return np.abs(shape.sdf(mesh.vertices)), mesh.attributes["confidence"]
 
 
@@ -143,14 +143,17 @@ def solved(shape: Shape, scanner: Scanner) -> tuple[np.ndarray, np.ndarray]:
     [("octopus with holes", 5), ("bracket with holes", 5), ("noisy torus with holes", 2)],
 )
 def test_the_error_falls_as_the_confidence_grows(name: str, times: float) -> None:
-    """From the last tenth to the first by so many times: less where the scan itself is noisy."""
+    """From the last tenth to the first by so many times: less where the scan itself is noisy.
+
+    Four scans, since the smoothed noise of one is alike over too much of it for a tenth's mean.
+    """
     make, scanner = SCANS[name]
-    error, found = solved(make(), scanner)
+    scans = [solved(make(), scanner, seed) for seed in range(1, 5)]
+    error, found = (np.concatenate(each) for each in zip(*scans, strict=True))
     tenths = np.array_split(np.argsort(found, kind="stable"), 10)
     means = [error[tenth].mean() for tenth in tenths]
-    # Among the tenths that the scan holds only its noise is left, the mean over a radius of which
-    # few lie in a tenth of a smooth shape: they are nearly alike.
-    assert np.all(np.diff(means) < 0.08 * means[-1]), means
+    # Among the tenths that the scan holds only its noise is left, and they are nearly alike.
+    assert np.all(np.diff(means) < 0.04 * means[-1]), means
     fifths = np.reshape(means, (5, 2)).mean(1)
     assert np.all(np.diff(fifths) < 0), means
     assert means[0] > times * means[-1]

@@ -12,12 +12,11 @@ from visco_core.presets import (
     GREATEST_VISCOSITY,
     LEAST_VISCOSITY,
     SHARED_NORMAL_ERROR,
+    SMOOTHED,
     VOXEL_ERROR,
     expected_error,
     weights_for_noise,
 )
-
-REACH = 0.055
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.005, 0.01])
@@ -26,7 +25,7 @@ REACH = 0.055
 def test_noise_is_found_to_a_third_at_any_density(name: str, points: int, noise: float) -> None:
     shape = SHAPES[name]()
     cloud = uniform_scan(shape, points, noise=noise, normal_noise=10, seed=1)
-    found = estimate_noise(cloud.points, cloud.normals, REACH)
+    found = estimate_noise(cloud.points, cloud.normals, SMOOTHED)
     assert found.position == pytest.approx(noise * shape.diagonal, rel=0.33)
 
 
@@ -35,7 +34,7 @@ def test_the_detail_of_a_sparse_scan_is_no_noise(name: str) -> None:
     """What quadrics leave over was taken for noise, up to one half: seven times as much as here."""
     shape = SHAPES[name]()
     cloud = uniform_scan(shape, 5_000, seed=1)
-    found = estimate_noise(cloud.points, cloud.normals, REACH)
+    found = estimate_noise(cloud.points, cloud.normals, SMOOTHED)
     assert found.position < 1e-4 * shape.diagonal
 
 
@@ -46,11 +45,11 @@ def test_bending_is_what_quadrics_through_24_points_miss_whatever_the_noise(nois
     exact = 0.01 * np.sin(40 * x) * np.sin(40 * y)
     normals = np.tile([0.0, 0.0, 1.0], (len(x), 1))
     points = np.stack([x, y, exact + noise * random.standard_normal(len(x))], 1)
-    found = estimate_noise(points, normals, REACH).bending
+    found = estimate_noise(points, normals, SMOOTHED).bending
     missed = []
-    for place in np.flatnonzero(np.maximum(abs(x), abs(y)) < 0.5 - REACH)[:300]:
+    for place in np.flatnonzero(np.maximum(abs(x), abs(y)) < 0.5 - SMOOTHED)[:300]:
         u, v = x - x[place], y - y[place]
-        near = random.choice(np.flatnonzero(u * u + v * v < REACH**2), 24, replace=False)
+        near = random.choice(np.flatnonzero(u * u + v * v < SMOOTHED**2), 24, replace=False)
         u, v = u[near], v[near]
         terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], 1)
         missed.append(exact[place] - np.linalg.lstsq(terms, exact[near])[0][0])
@@ -74,14 +73,14 @@ def test_bending_of_few_points_is_what_their_quadrics_leave_over() -> None:
 
 def test_how_far_apart_walls_are_is_found() -> None:
     plate = uniform_scan(thin_plate(0.03), 20_000, noise=0.002, seed=1)
-    assert 0.03 < estimate_noise(plate.points, plate.normals, REACH).wall < 4 * 0.03
+    assert 0.03 < estimate_noise(plate.points, plate.normals, SMOOTHED).wall < 4 * 0.03
     sphere = uniform_scan(SHAPES["sphere"](), 20_000, noise=0.002, seed=1)
-    assert estimate_noise(sphere.points, sphere.normals, REACH).wall > 0.5
+    assert estimate_noise(sphere.points, sphere.normals, SMOOTHED).wall > 0.5
 
 
 def test_the_digits_of_coordinates_are_no_noise() -> None:
     cloud = uniform_scan(SHAPES["box"](), 5_000, seed=1)
-    found = estimate_noise(cloud.points.astype(np.float32).astype(float), cloud.normals, REACH)
+    found = estimate_noise(cloud.points.astype(np.float32).astype(float), cloud.normals, SMOOTHED)
     assert found.position == 0
 
 
@@ -89,7 +88,7 @@ def test_copies_of_points_do_not_hide_the_noise() -> None:
     shape = SHAPES["sphere"]()
     cloud = uniform_scan(shape, 10_000, noise=0.002, seed=1)
     twice = np.repeat(cloud.points, 2, axis=0), np.repeat(cloud.normals, 2, axis=0)
-    found = estimate_noise(*twice, REACH).position
+    found = estimate_noise(*twice, SMOOTHED).position
     assert found == pytest.approx(0.002 * shape.diagonal, rel=0.33)
 
 
@@ -98,19 +97,19 @@ def test_noise_of_points_in_even_rows_is_found() -> None:
     x, y = np.meshgrid(np.arange(80.0), np.arange(80.0))
     height = 0.3 * np.random.default_rng(1).standard_normal(x.size) + 0.002 * x.ravel() ** 2
     normals = np.tile([0.0, 0.0, 1.0], (x.size, 1))
-    found = estimate_noise(np.stack([x.ravel(), y.ravel(), height], 1), normals, REACH)
+    found = estimate_noise(np.stack([x.ravel(), y.ravel(), height], 1), normals, SMOOTHED)
     assert found.position == pytest.approx(0.3, rel=0.15)
 
 
 def test_an_exact_scan_has_noise_far_below_its_point_spacing() -> None:
     cloud = uniform_scan(SHAPES["sphere"](), 20_000, seed=1)
     spacing = np.sqrt(4 * np.pi / 20_000) * SHAPES["sphere"]().diagonal / (2 * np.sqrt(3))
-    assert estimate_noise(cloud.points, cloud.normals, REACH).position < 0.05 * spacing
+    assert estimate_noise(cloud.points, cloud.normals, SMOOTHED).position < 0.05 * spacing
 
 
 def test_deviation_of_normals_is_found() -> None:
     cloud = uniform_scan(SHAPES["sphere"](), 20_000, normal_noise=20, seed=1)
-    found = estimate_noise(cloud.points, cloud.normals, REACH).normal
+    found = estimate_noise(cloud.points, cloud.normals, SMOOTHED).normal
     tilt = np.arccos(np.clip(np.sum(cloud.normals * _exact(cloud.points), 1), -1, 1))
     assert found == pytest.approx(np.sqrt(np.square(np.sin(tilt)).mean()), rel=0.25)
 
@@ -118,35 +117,37 @@ def test_deviation_of_normals_is_found() -> None:
 def test_the_other_face_of_a_thin_wall_is_no_noise() -> None:
     plate = thin_plate(0.015)
     cloud = uniform_scan(plate, 50_000, noise=0.0003, normal_noise=8, seed=1)
-    found = estimate_noise(cloud.points, cloud.normals, REACH)
+    found = estimate_noise(cloud.points, cloud.normals, SMOOTHED)
     assert found.position == pytest.approx(0.0003 * plate.diagonal, rel=0.2)
     assert found.normal == pytest.approx(np.radians(8), rel=0.2)
 
 
 def test_normals_that_face_the_wrong_way_are_noise() -> None:
     cloud = flip_normals(uniform_scan(SHAPES["sphere"](), 20_000, noise=0.002, seed=1), 0.3)
-    found = estimate_noise(cloud.points, cloud.normals, REACH)
+    found = estimate_noise(cloud.points, cloud.normals, SMOOTHED)
     assert found.normal == pytest.approx(np.sqrt(4 * 0.3 * 0.7), rel=0.1)
     assert found.position == pytest.approx(0.002 * SHAPES["sphere"]().diagonal, rel=0.1)
 
 
 def test_estimate_scales_with_the_units_of_the_scan() -> None:
     cloud = uniform_scan(SHAPES["sphere"](), 5_000, noise=0.003, seed=1)
-    small = estimate_noise(cloud.points, cloud.normals, REACH)
-    large = estimate_noise(cloud.points * 1000, cloud.normals, 1000 * REACH)
+    small = estimate_noise(cloud.points, cloud.normals, SMOOTHED)
+    large = estimate_noise(cloud.points * 1000, cloud.normals, 1000 * SMOOTHED)
     assert large.position == pytest.approx(1000 * small.position)
     assert large.bending == pytest.approx(1000 * small.bending)
 
 
 def test_the_same_seed_gives_the_same_estimate() -> None:
     cloud = uniform_scan(SHAPES["torus"](), 5_000, noise=0.003, seed=1)
-    first, second = (estimate_noise(cloud.points, cloud.normals, REACH, seed=4) for _ in range(2))
+    first, second = (
+        estimate_noise(cloud.points, cloud.normals, SMOOTHED, seed=4) for _ in range(2)
+    )
     assert first == second
 
 
 def test_few_points_are_enough_for_an_estimate() -> None:
     cloud = uniform_scan(SHAPES["sphere"](), 10, seed=1)
-    found = estimate_noise(cloud.points, cloud.normals, REACH)
+    found = estimate_noise(cloud.points, cloud.normals, SMOOTHED)
     assert np.isfinite([found.position, found.normal]).all()
 
 
@@ -219,7 +220,7 @@ def _in_cube(name: str, points: int, noise: float = 0.0) -> Noise:
     """Of a scan of the gallery's shape, in units of the cube that holds it."""
     cloud = uniform_scan(SHAPES[name](), points, noise=noise, seed=1)
     placed = Normalisation.of(cloud.points).to_cube(cloud.points)
-    return estimate_noise(placed, cloud.normals, REACH)
+    return estimate_noise(placed, cloud.normals, SMOOTHED)
 
 
 def _exact(points: np.ndarray) -> np.ndarray:
