@@ -30,7 +30,7 @@ from visco_core.multires import CONTINUATION
 from visco_core.noise import estimate_noise
 from visco_core.normals import estimate_normals
 from visco_core.pointcloud import PointCloud
-from visco_core.presets import Weights, weights_for_noise
+from visco_core.presets import SMOOTHED, Weights, weights_for_noise
 from visco_core.solvers.gauss_newton import GaussNewton, GaussNewtonState
 from visco_core.solvers.loop import Pace
 
@@ -108,8 +108,8 @@ class Level:
             self.normals = estimate_normals(self.points)
         else:
             self.normals = cloud.normals[order]
-        noise = estimate_noise(self.points, self.normals)
-        self.weights: Weights = weights_for_noise(noise, len(points), [64])[0]
+        noise = estimate_noise(self.points, self.normals, SMOOTHED)
+        self.weights: Weights = weights_for_noise(noise, [64])[0]
 
     def energy(self, voxels: int = 64) -> Energy:
         grid = dense_grid(self.backend, voxels + 1)
