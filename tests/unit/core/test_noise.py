@@ -29,6 +29,14 @@ def test_noise_is_found_to_a_third_at_any_density(name: str, points: int, noise:
     assert found.position == pytest.approx(noise * shape.diagonal, rel=0.33)
 
 
+def test_bumps_as_high_as_the_noise_are_told_from_it() -> None:
+    """Their variogram alone is 15 % too large."""
+    shape = SHAPES["bumpy_torus"]()
+    cloud = uniform_scan(shape, 50_000, noise=0.01, normal_noise=35)
+    found = estimate_noise(cloud.points, cloud.normals, SMOOTHED)
+    assert found.position == pytest.approx(0.01 * shape.diagonal, rel=0.1)
+
+
 @pytest.mark.parametrize("name", ["bracket", "octopus"])
 def test_the_detail_of_a_sparse_scan_is_no_noise(name: str) -> None:
     """What quadrics leave over was taken for noise, up to one half: seven times as much as here."""
@@ -207,6 +215,11 @@ def test_an_exact_scan_still_gets_the_smoothing_that_voxels_need() -> None:
     coarse, fine = weights_for_noise(Noise(0.0, 0.0, 0.0005, np.inf, 0.003), [64, 256])
     assert coarse.viscosity > 2 * fine.viscosity > 2 * LEAST_VISCOSITY
     assert 0 < fine.normal < 1e-3
+
+
+def test_exact_points_far_apart_are_smoothed_as_if_they_lay_in_every_voxel() -> None:
+    far, near = (weights_for_noise(Noise(0, 0, 5e-4, np.inf, s), [64])[0] for s in (0.1, 1 / 64))
+    assert far.viscosity == near.viscosity
 
 
 def test_coarse_voxels_smooth_more_and_trust_normals_more() -> None:
