@@ -35,8 +35,8 @@ def test_bending_goes_on_below_what_was_seen_as_a_power_within_bounds(
 
 
 def test_radii_at_which_the_noise_hides_the_bending_are_left_out() -> None:
-    seen = [_scale(0.05, 0.44e-4, 0.4), _scale(0.1, 1e-4 + 0.4e-4, 0.4), _scale(0.2, 64e-4, 0.0)]
-    assert bending(0.05, seen, 0.01) == pytest.approx(0.01 * 0.5**3)
+    seen = [_scale(0.06, 0.44e-4, 0.4), _scale(0.12, 1.4e-4, 0.4), _scale(0.24, 64e-4)]
+    assert bending(0.06, seen, 0.01) == pytest.approx(0.01 * 0.5**3)
 
 
 def test_without_two_radii_to_compare_the_bending_is_unknown() -> None:
