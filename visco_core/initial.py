@@ -23,6 +23,10 @@ from visco_core.progress import Check, never
 SMOOTHING = 1.5
 """Standard deviation of the Gaussian that smooths the splatted normals, in cells."""
 
+ROOM = 0.03
+"""How far beyond the points' bounding box a surface may go, in units of the cube, whose rim is 0.05
+away or more."""
+
 POINTS = 100_000
 """More points would add nothing to signs at this resolution; so many of a larger scan are used."""
 
@@ -46,6 +50,7 @@ def starting_values(
         points, normals = points[chosen], normals[chosen]
     dipoles = normals * surface_areas(points, backend.threads, check)[:, None]
     outside = potential(backend, points, dipoles, 2 * resolution, check) > 0
+    _close(outside, points)
     squared = backend.kernels.squared_distance
     to_inside = squared(backend.array(outside))
     check()
@@ -56,6 +61,24 @@ def starting_values(
     distance = np.clip(distance - 0.5 * np.sign(distance), -2 * resolution, 2 * resolution)
     at_nodes = _nodes_from_cells(distance / (2 * resolution))
     return np.append(at_nodes, np.float32(0))
+
+
+def _close(outside: np.ndarray, points: np.ndarray) -> None:
+    """Closes a surface that the rim of the cube would cut open.
+
+    Of a scan from one side the potential does not say where the surface closes, and the inside may
+    reach the rim. Then everything is put outside that is farther than ``ROOM`` from the box around
+    ``points`` (P, 3). Where all of the rim is inside, the scan is that of a cavity.
+    """
+    rim = np.stack([outside.take(end, axis) for axis in range(3) for end in (0, -1)])
+    if rim.all() or not rim.any():
+        return
+    cells = len(outside)
+    low, high = points.min(0) - ROOM, points.max(0) + ROOM
+    for axis in range(3):
+        across = np.moveaxis(outside, axis, 0)
+        across[: max(round(low[axis] * cells), 0)] = True
+        across[round(high[axis] * cells) :] = True
 
 
 def surface_areas(points: np.ndarray, threads: int = -1, check: Check = never) -> np.ndarray:

@@ -21,7 +21,7 @@ from visco_core.clock import Clock
 from visco_core.energy import Energy
 from visco_core.errors import ResourceError
 from visco_core.grid.samples import Samples, locate
-from visco_core.grid.topology import Grid, dense_grid, refine
+from visco_core.grid.topology import Grid, dense_grid, keep_closed, refine
 from visco_core.initial import starting_values
 from visco_core.kernels import Array, Backend
 from visco_core.leave_one_out import choose_viscosity
@@ -257,39 +257,54 @@ def _solve_level(
 ) -> SolvedLevel:
     clock, resolution = plan.clock, plan.resolutions[level]
     with clock.phase("refine" if coarser else "start", resolution=resolution) as entry:
-        grid, values = _begin(backend, problem, resolution, coarser, clock.check)
+        grid, begun = _begin(backend, problem, resolution, coarser, clock.check)
         entry["nodes"] = plan.nodes[level] = len(grid)
     plan.start(level)
     with clock.phase("solve", resolution=resolution, nodes=len(grid)) as entry:
-        begun = time.monotonic()
+        started = time.monotonic()
         samples = locate(grid, problem.points, problem.fitted_normals, clock.check)
         clock.check()
         energy = Energy(grid, samples, problem.weights(level))
         clock.check()
-        plan.located(time.monotonic() - begun)
-        reporter = _Reporter(plan, level)
-        begin, stages = values, plan.stages(level)
-        state: Any = None
-        following = [epsilon for epsilon, _ in stages[1:]] + [0.0]
-        before: tuple[float, Array] | None = None
-        freedom = _freedom(grid, samples) if len(stages) > 1 else None
-        for (epsilon, solver), after in zip(stages, following, strict=True):
-            within = energy.with_viscosity(epsilon=epsilon)
-            state = minimise(solver, within, values, clock, reporter.tell)
-            values = state.values
-            reporter.end_stage(state)
-            solved = epsilon, values
-            if before is not None:
-                values = _towards(after, solved, before, freedom, FARTHEST / resolution)
-            before = solved
+        plan.located(time.monotonic() - started)
+        reporter, stages = _Reporter(plan, level), plan.stages(level)
+        state, values = _solve_stages(energy, begun, stages, clock, reporter)
         plan.measured(level, reporter.work, reporter.seconds)
         settings = problem.settings
         if settings.leave_one_out and level == 1:
             solver, seed = stages[-1][1], settings.config.seed
-            viscosity, state = choose_viscosity(energy, begin, state, solver, clock, seed)
+            viscosity, state = choose_viscosity(energy, begun, state, solver, clock, seed)
             values, settings = state.values, settings.with_viscosity(viscosity)
         entry.update(steps=reporter.steps, iterations=reporter.work, **state.losses)
-    return SolvedLevel(grid, values, samples, state.losses, settings)
+    return SolvedLevel(grid, keep_closed(grid, begun, values), samples, state.losses, settings)
+
+
+def _solve_stages(
+    energy: Energy,
+    values: Array,
+    stages: list[tuple[float, Solver[Any]]],
+    clock: Clock,
+    reporter: _Reporter,
+) -> tuple[Any, Array]:
+    """The last stage's state, and the values (N + 1,) that the stages lead to.
+
+    Of one stage these are its own; of several, those at ε → 0.
+    """
+    freedom = _freedom(energy.grid, energy.samples) if len(stages) > 1 else None
+    farthest = FARTHEST / energy.grid.resolution
+    following = [epsilon for epsilon, _ in stages[1:]] + [0.0]
+    states: list[Any] = []
+    before: tuple[float, Array] | None = None
+    for (epsilon, solver), after in zip(stages, following, strict=True):
+        within = energy.with_viscosity(epsilon=epsilon)
+        states.append(minimise(solver, within, values, clock, reporter.tell))
+        reporter.end_stage(states[-1])
+        values = states[-1].values
+        solved = epsilon, values
+        if before is not None:
+            values = _towards(after, solved, before, freedom, farthest)
+        before = solved
+    return states[-1], values
 
 
 def _towards(

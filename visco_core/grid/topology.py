@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visco_core.kernels import Array, Backend
+from visco_core.kernels import ENCLOSED, Array, Backend
 
 
 @dataclass(frozen=True)
@@ -70,13 +70,28 @@ def dense_grid(backend: Backend, side: int) -> Grid:
 def refine(grid: Grid, values: Array, band_width: float) -> tuple[Grid, Array]:
     """The next level's band and the interpolated values (N' + 1,) on it.
 
-    Keeps the nodes with |f| below ``band_width`` fine voxels, and all around a change of sign.
+    Keeps the nodes with |f| below ``band_width`` fine voxels, and all in the voxels where the sign
+    changes.
     """
     side = 2 * grid.side - 1
     ijk, columns, fine = grid.backend.kernels.refine(
-        grid.ijk, grid.columns, values, grid.side, band_width / (side - 1)
+        grid.ijk, grid.columns, grid.neighbours, values, grid.side, band_width / (side - 1)
     )
     return _grid(grid.backend, side, ijk, columns), fine
+
+
+def keep_closed(grid: Grid, before: Array, after: Array) -> Array:
+    """``after`` (N + 1,) with a surface that is as closed as that of ``before`` (N + 1,).
+
+    Nodes that lack one of the 26 around them keep the sign that they had, and so their old value
+    where it has changed. Then all voxels around an edge of the grid that the surface cuts are
+    there: either one of its ends has all, or they were there before.
+    """
+    changed = (before < 0) != (after < 0)
+    held = changed & ((grid.flags & ENCLOSED) == 0)
+    after = after + 0
+    after[held] = before[held]
+    return after
 
 
 def voxel_corners(grid: Grid, voxels: Array) -> Array:

@@ -20,8 +20,9 @@ from visco_core.errors import InputError
 Array = Any
 """A numpy array under ``native``, a torch tensor under ``reference``."""
 
-ROW, FREE = 1, 2
-"""Flags of a node: the viscosity loss has a row there; its value is unknown."""
+ROW, FREE, ENCLOSED = 1, 2, 4
+"""Flags of a node: the viscosity loss has a row there; its value is unknown; all 26 nodes around it
+are there."""
 
 
 @dataclass(frozen=True)

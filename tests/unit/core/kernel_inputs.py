@@ -10,7 +10,7 @@ import numpy as np
 
 from visco_core.confidence import cluster_points
 from visco_core.extract import EDGES, case_table
-from visco_core.kernels import FREE, ROW
+from visco_core.kernels import ENCLOSED, FREE, ROW
 
 CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3)
 
@@ -24,6 +24,7 @@ class Nodes:
     columns: np.ndarray
     neighbours: np.ndarray
     complete: np.ndarray
+    enclosed: np.ndarray
     seed: int
     rng: np.random.Generator = field(repr=False)
 
@@ -36,7 +37,8 @@ class Nodes:
 
     @property
     def full_flags(self) -> np.ndarray:
-        return np.append(self.complete * (ROW | FREE), 0).astype(np.uint8)
+        flags = self.complete * (ROW | FREE) + self.enclosed * ENCLOSED
+        return np.append(flags, 0).astype(np.uint8)
 
     @property
     def runs(self) -> np.ndarray:
@@ -68,6 +70,7 @@ def nodes_of(mask: np.ndarray, seed: int = 0) -> Nodes:
     index[tuple((ijk + 1).T)] = np.arange(len(ijk))
     steps = [sign * step for step in np.eye(3, dtype=int) for sign in (-1, 1)]
     neighbours = np.stack([index[tuple((ijk + 1 + step).T)] for step in steps], 1)
+    around = [index[tuple((ijk + shift).T)] for shift in np.ndindex(3, 3, 3)]
     column = ijk[:, 0] * side + ijk[:, 1]
     return Nodes(
         side=side,
@@ -75,6 +78,7 @@ def nodes_of(mask: np.ndarray, seed: int = 0) -> Nodes:
         columns=np.searchsorted(column, np.arange(side**2 + 1)),
         neighbours=neighbours.astype(np.int32),
         complete=(neighbours < len(ijk)).all(1),
+        enclosed=(np.stack(around) < len(ijk)).all(0),
         seed=seed,
         rng=np.random.default_rng(seed),
     )
@@ -279,7 +283,7 @@ def _free_runs(n: Nodes) -> tuple[Any, ...]:
 
 
 def _refine(n: Nodes) -> tuple[Any, ...]:
-    return n.ijk, n.columns, n.vector(), n.side, 0.2
+    return n.ijk, n.columns, n.neighbours, n.vector(), n.side, 0.2
 
 
 def _voxel_corners(n: Nodes) -> tuple[Any, ...]:

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from kernel_inputs import CORNERS
 
+from visco_core.extract import extract_isosurface
 from visco_core.grid.samples import CELLS, locate, spatial_order
-from visco_core.grid.topology import Grid, dense_grid, refine, voxel_corners
-from visco_core.kernels import FREE, ROW, Backend
+from visco_core.grid.topology import Grid, dense_grid, keep_closed, refine, voxel_corners
+from visco_core.kernels import ENCLOSED, FREE, ROW, Backend
+from visco_core.mesh_health import mesh_health
+from visco_core.result import Mesh
 
 
 def sphere(grid: Grid, radius: float = 0.3) -> np.ndarray:
@@ -29,25 +32,25 @@ def keys(grid: Grid, stride: int = 1) -> np.ndarray:
     return (ijk[:, 0] * 10_000 + ijk[:, 1]) * 10_000 + ijk[:, 2]
 
 
-def upsampled(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Trilinear values (2n − 1,)³ and whether the parents of each differ in sign, from (n,)³."""
-    low, high = values, values
-    for axis in range(3):
-        pairs = []
-        for old, pick in ((low, np.minimum), (high, np.maximum)):
-            shape = list(old.shape)
-            shape[axis] = 2 * shape[axis] - 1
-            new = np.empty(shape)
-            at, up = np.moveaxis(new, axis, 0), np.moveaxis(old, axis, 0)
-            at[::2], at[1::2] = up, pick(up[:-1], up[1:])
-            pairs.append(new)
-        low, high = pairs
+def upsampled(values: np.ndarray) -> np.ndarray:
+    """Trilinear values (2n − 1,)³ from (n,)³."""
     for axis in range(3):
         up = np.moveaxis(values, axis, 0)
         fine = np.empty((2 * len(up) - 1, *up.shape[1:]))
         fine[::2], fine[1::2] = up, (up[:-1] + up[1:]) / 2
         values = np.moveaxis(fine, 0, axis)
-    return values, (low < 0) & (high >= 0)
+    return values
+
+
+def corners_of_crossed_voxels(values: np.ndarray) -> np.ndarray:
+    """(n,)³, 1 at the corners of voxels in which the signs of ``values`` (n,)³ differ, else 0."""
+    crossed = np.zeros(values.shape)
+    for voxel in np.ndindex(*(np.array(values.shape) - 1)):
+        around = tuple(slice(low, low + 2) for low in voxel)
+        negative = values[around] < 0
+        if negative.any() and not negative.all():
+            crossed[around] = 1
+    return crossed
 
 
 def test_a_dense_grid_has_every_node_and_frees_all_but_its_border(backend: Backend) -> None:
@@ -56,7 +59,7 @@ def test_a_dense_grid_has_every_node_and_frees_all_but_its_border(backend: Backe
     assert grid.is_dense
     assert (len(grid), grid.resolution) == (729, 8)
     inner = ((backend.numpy(grid.ijk) % 8) != 0).all(1)
-    np.testing.assert_array_equal(flags[:-1], inner * (ROW | FREE))
+    np.testing.assert_array_equal(flags[:-1], inner * (ROW | FREE | ENCLOSED))
     assert flags[-1] == 0
 
 
@@ -83,19 +86,40 @@ def test_every_coarse_node_in_the_band_is_a_fine_node_with_the_same_value(
 
 
 @pytest.mark.parametrize("band_width", [2.0, 6.0])
-def test_refine_keeps_exactly_the_band_and_the_parents_change_of_sign(
+def test_refine_keeps_exactly_the_band_and_the_voxels_where_the_sign_changes(
     band_width: float, backend: Backend
 ) -> None:
     coarse = dense_grid(backend, 17)
     rng = np.random.default_rng(2)
-    values = sphere(coarse) + 0.02 * rng.standard_normal(len(coarse) + 1).astype(np.float32)
+    values = sphere(coarse) + 0.2 * rng.standard_normal(len(coarse) + 1).astype(np.float32)
     values[-1] = 0
     fine, fine_values = refine(coarse, backend.array(values), band_width)
-    expected, crosses = upsampled(values[:-1].reshape(17, 17, 17))
-    kept = (np.abs(expected) < band_width / 32) | crosses
+    cube = values[:-1].reshape(17, 17, 17)
+    expected = upsampled(cube)
+    kept = (np.abs(expected) < band_width / 32) | (upsampled(corners_of_crossed_voxels(cube)) == 1)
     np.testing.assert_array_equal(backend.numpy(fine.ijk), np.argwhere(kept))
     np.testing.assert_allclose(backend.numpy(fine_values)[:-1], expected[kept], atol=1e-6)
     assert not backend.numpy(fine_values)[-1]
+
+
+def test_the_surface_stays_closed_wherever_the_solve_moves_it_and_however_steep_it_is(
+    backend: Backend,
+) -> None:
+    """Free values of any sign, three levels deep: every edge that is cut has all its voxels."""
+    rng = np.random.default_rng(3)
+    grid = dense_grid(backend, 9)
+    begun = backend.array(sphere(grid))
+    for _ in range(3):
+        solved = backend.numpy(begun).copy()
+        free = backend.numpy(grid.flags) & FREE > 0
+        solved[free] = rng.standard_normal(free.sum()) * rng.random(free.sum()) ** 4
+        values = keep_closed(grid, begun, backend.array(solved))
+        surface = extract_isosurface(grid, values)
+        mesh = Mesh(surface.vertices, surface.faces, surface.normals)
+        assert mesh_health(mesh)["boundary_edges"] == 0
+        kept = backend.numpy(values) == solved
+        assert kept[backend.numpy(grid.flags) & ENCLOSED > 0].all()
+        grid, begun = refine(grid, values, 1.0)
 
 
 def test_a_third_level_nests_in_the_second(backend: Backend) -> None:
@@ -113,8 +137,13 @@ def test_a_third_level_nests_in_the_second(backend: Backend) -> None:
 def test_a_band_s_rim_is_fixed_and_its_inside_is_free(backend: Backend) -> None:
     _, grid = refined(backend, band_width=4.0)
     flags = backend.numpy(grid.flags)[:-1]
+    there = np.zeros((grid.side + 2,) * 3, bool)
+    ijk = backend.numpy(grid.ijk).astype(np.int64)
+    there[tuple((ijk + 1).T)] = True
+    around = [there[tuple((ijk + shift).T)] for shift in np.ndindex(3, 3, 3)]
+    enclosed = np.stack(around).all(0)
     complete = (backend.numpy(grid.neighbours) < len(grid)).all(1)
-    np.testing.assert_array_equal(flags, complete * (ROW | FREE))
+    np.testing.assert_array_equal(flags, complete * (ROW | FREE) + enclosed * ENCLOSED)
     near = np.abs(sphere(grid)[:-1]) * grid.resolution < 2.5
     assert complete[near].all()
 

@@ -96,6 +96,19 @@ def test_an_outlier_beside_a_surface_stands_for_no_more_than_its_neighbours() ->
     assert areas.max() <= 4 * np.median(areas)
 
 
+def test_what_a_scan_from_one_side_leaves_open_is_closed_before_the_rim(
+    native_backend: Backend,
+) -> None:
+    """A few points of a slope that reaches from edge to edge, all facing up."""
+    x, y = np.random.default_rng(4).uniform(0.05, 0.95, (2, 60))
+    points, normals = np.stack([x, y, x], 1), np.tile(np.float32([-1, 0, 1]), (60, 1))
+    values = starting_values(native_backend, points, normals / np.sqrt(np.float32(2)), RESOLUTION)
+    cube = values[:-1].reshape((RESOLUTION + 1,) * 3)
+    assert cube.min() < 0
+    cube[1:-1, 1:-1, 1:-1] = 1
+    assert cube.min() > 0
+
+
 def test_potential_steps_up_from_inside_to_outside_across_the_points(
     native_backend: Backend,
 ) -> None:

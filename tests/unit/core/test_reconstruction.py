@@ -265,24 +265,35 @@ def plane(count: int = 2000) -> np.ndarray:
     return np.random.default_rng(0).random((count, 3)) * [1, 1, 0]
 
 
+def saddle(count: int) -> np.ndarray:
+    x, y, _ = plane(count).T
+    return np.column_stack([x, y, (x - 0.5) ** 2 - (y - 0.5) ** 2])
+
+
+def upward(count: int) -> np.ndarray:
+    return np.tile(np.float32([0, 0, 1]), (count, 1))
+
+
 @pytest.mark.parametrize(
     "cloud",
     [
         PointCloud(np.random.default_rng(1).random((10, 3))),
         PointCloud(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])),
         PointCloud(plane()),
-        PointCloud(plane(), np.tile(np.float32([0, 0, 1]), (2000, 1))),
+        PointCloud(plane(), upward(2000)),
+        PointCloud(plane(300) @ np.array([[1, 0, 1], [0, 1, 0], [0, 0, 0]]), upward(300)),
+        PointCloud(saddle(3000), upward(3000)),
     ],
-    ids=["ten points", "tetrahedron", "plane", "plane with normals"],
+    ids=["ten points", "tetrahedron", "plane", "plane with normals", "slope", "saddle"],
 )
-def test_poor_scans_still_give_a_mesh_near_their_points(cloud: PointCloud) -> None:
-    result = reconstruct(cloud, config())
+def test_poor_and_open_scans_give_a_closed_mesh_near_their_points(cloud: PointCloud) -> None:
+    result = reconstruct(cloud, config(128))
     mesh = result.mesh
     assert len(mesh.faces) > 0
     assert np.isfinite(mesh.vertices).all()
     health = mesh_health(mesh)
-    assert health["oriented"]
-    assert health["nonmanifold_edges"] == health["nonmanifold_vertices"] == 0
+    assert health["watertight"]
+    assert health["outward"]
     off = point_to_mesh_distance(cloud.points, mesh)
     assert np.median(off) < voxel(result)
 

@@ -25,10 +25,12 @@ def free_runs(neighbours, flags, slabs):
     return runs, np.searchsorted(runs[:, 0], slabs)
 
 
-def refine(ijk, columns, values, side, limit):
+def refine(ijk, columns, neighbours, values, side, limit):
+    crossed = np.zeros(len(ijk), np.uint8)
+    library.crossed(values, neighbours, len(ijk), crossed)
     fine = 2 * side - 1
     fine_columns = np.zeros(fine * fine + 1, np.int64)
-    coarse = ijk, columns, values, side, limit
+    coarse = ijk, columns, values, crossed, side, limit
     library.refine_counts(*coarse, fine_columns)
     fine_ijk = np.empty((fine_columns[-1], 3), np.int16)
     fine_values = np.zeros(fine_columns[-1] + 1, np.float32)

@@ -8,7 +8,7 @@ the value is unknown.
     ijk (N, 3) int16, sorted        grid coordinates of the nodes
     columns (side² + 1,) int64      where each (i, j) column of nodes starts
     neighbours (N, 6) int32         −x, +x, −y, +y, −z, +z; N where there is none
-    flags (N + 1,) uint8            bits ROW and FREE
+    flags (N + 1,) uint8            bits ROW, FREE and ENCLOSED
     slopes (3, N + 1) float32       s·n̂ / 2h of the linearised viscosity row
     corners (M, 8) int32            nodes of the voxels that hold points
     matrices (M, 5, 8) float32      normal matrix A of a voxel's points, which is symmetric, by its

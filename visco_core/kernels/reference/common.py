@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-ROW, FREE = 1, 2
+ROW, FREE, ENCLOSED = 1, 2, 4
 
 
 def cyclic_diagonals(matrices: Tensor) -> Tensor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from visco_core.kernels.reference.common import FREE, ROW
+from visco_core.kernels.reference.common import ENCLOSED, FREE, ROW
 
 
 def _keys(ijk: Tensor, side: int) -> Tensor:
@@ -22,7 +22,10 @@ def find_nodes(query: Tensor, ijk: Tensor, columns: Tensor, side: int) -> Tensor
 
 
 def neighbour_table(ijk: Tensor, columns: Tensor, side: int) -> tuple[Tensor, Tensor]:
-    """The six neighbours (N, 6) int32 of every node, and its flags: ROW and FREE if it has all."""
+    """The six neighbours (N, 6) int32 of every node, and its flags.
+
+    ROW and FREE if it has all six, ENCLOSED if all 26 nodes around it exist.
+    """
     table = []
     for axis in range(3):
         for step in (-1, 1):
@@ -33,8 +36,22 @@ def neighbour_table(ijk: Tensor, columns: Tensor, side: int) -> tuple[Tensor, Te
             table.append(torch.where(outside, len(ijk), found))
     neighbours = torch.stack(table, 1).int()
     flags = neighbours.new_zeros(len(ijk) + 1, dtype=torch.uint8)
-    flags[:-1] = (neighbours < len(ijk)).all(1) * (ROW | FREE)
+    flags[:-1] = (neighbours < len(ijk)).all(1) * (ROW | FREE) + _enclosed(neighbours) * ENCLOSED
     return neighbours, flags
+
+
+def _enclosed(neighbours: Tensor) -> Tensor:
+    """(N,) bool: whether all 26 nodes around each exist."""
+    count = len(neighbours)
+    table = torch.cat([neighbours, neighbours.new_full((1, 6), count)])
+    whole = (neighbours < count).all(1)
+    for x in (0, 1):
+        whole &= (table[neighbours[:, x], 2:] < count).all(1)
+    for y in (2, 3):
+        whole &= (table[neighbours[:, y], 4:] < count).all(1)
+        for x in (0, 1):
+            whole &= (table[table[neighbours[:, x], y], 4:] < count).all(1)
+    return whole
 
 
 def free_runs(neighbours: Tensor, flags: Tensor, slabs: Tensor) -> tuple[Tensor, Tensor]:
@@ -53,13 +70,18 @@ def free_runs(neighbours: Tensor, flags: Tensor, slabs: Tensor) -> tuple[Tensor,
 
 
 def refine(
-    ijk: Tensor, columns: Tensor, values: Tensor, side: int, limit: float
+    ijk: Tensor, columns: Tensor, neighbours: Tensor, values: Tensor, side: int, limit: float
 ) -> tuple[Tensor, Tensor, Tensor]:
     """The nodes of the next level, 2·side − 1 an axis: their ijk, columns and values (N' + 1,).
 
     A node is kept when all its parents exist (1, 2, 4 or 8, whose mean is its value) and either
-    |value| < limit or the parents differ in sign.
+    |value| < limit or all its parents are corners of voxels in which the sign changes: of these,
+    however steep the values are, all children are there.
     """
+    corners = all_voxels(neighbours)
+    negative = (values[corners] < 0).sum(1)
+    crossed = torch.zeros(len(ijk) + 1, dtype=torch.bool, device=ijk.device)
+    crossed[corners[(negative > 0) & (negative < 8)]] = True
     fine_side = 2 * side - 1
     children = torch.cartesian_prod(*[torch.arange(2, device=ijk.device)] * 3)
     fine = (2 * ijk.long()[:, None] + children).reshape(-1, 3)
@@ -72,9 +94,8 @@ def refine(
     index = torch.stack(parents, 1).long()
     at_parents = values[index]
     mean = at_parents.mean(1)
-    signs = (at_parents < 0).sum(1)
     keep = (index < len(ijk)).all(1)
-    keep &= (mean.abs() < limit) | ((signs > 0) & (signs < 8))
+    keep &= (mean.abs() < limit) | crossed[index].all(1)
     fine, mean = fine[keep], mean[keep]
     column = fine[:, 0] * fine_side + fine[:, 1]
     count = torch.bincount(column, minlength=fine_side**2)

@@ -11,7 +11,7 @@
 
 namespace visco {
 
-constexpr uint8_t ROW = 1, FREE = 2;  // as in visco_core.kernels
+constexpr uint8_t ROW = 1, FREE = 2, ENCLOSED = 4;  // as in visco_core.kernels
 constexpr int64_t BLOCK = 4096;
 
 // Memory for a kernel's own use.

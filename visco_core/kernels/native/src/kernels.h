@@ -65,10 +65,12 @@ void visco_neighbour_table(const int16_t *ijk, int64_t n, const int64_t *columns
                            int32_t *neighbours, uint8_t *flags);
 int64_t visco_count_free_runs(const uint8_t *flags, int64_t n);
 void visco_free_runs(const int32_t *neighbours, const uint8_t *flags, int64_t n, int64_t *runs);
-void visco_refine_counts(const int16_t *ijk, const int64_t *columns, const float *values, int64_t side,
-                         float limit, int64_t *fine_columns);
-void visco_refine(const int16_t *ijk, const int64_t *columns, const float *values, int64_t side,
-                  float limit, const int64_t *fine_columns, int16_t *fine_ijk, float *fine_values);
+void visco_crossed(const float *values, const int32_t *neighbours, int64_t n, uint8_t *crossed);
+void visco_refine_counts(const int16_t *ijk, const int64_t *columns, const float *values,
+                         const uint8_t *crossed, int64_t side, float limit, int64_t *fine_columns);
+void visco_refine(const int16_t *ijk, const int64_t *columns, const float *values, const uint8_t *crossed,
+                  int64_t side, float limit, const int64_t *fine_columns, int16_t *fine_ijk,
+                  float *fine_values);
 void visco_voxel_corners(const int32_t *neighbours, int64_t n, const int32_t *base, int64_t count,
                          int32_t *out);
 

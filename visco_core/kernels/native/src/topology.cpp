@@ -5,11 +5,11 @@ using namespace visco;
 
 namespace {
 
-// Children in fine column (i, j) whose parents all exist and that lie within the limit: calls
-// keep(k, value) for each.
+// Children in fine column (i, j) whose parents all exist, and that lie within the limit or whose
+// parents are all crossed: calls keep(k, value) for each.
 template <class Keep>
-void refine_column(const int16_t *ijk, const int64_t *columns, const float *values, int64_t side, int64_t i,
-                   int64_t j, float limit, const Keep &keep) {
+void refine_column(const int16_t *ijk, const int64_t *columns, const float *values, const uint8_t *crossed,
+                   int64_t side, int64_t i, int64_t j, float limit, const Keep &keep) {
     int64_t parents[4], ends[4];
     int count = 0;
     for (int64_t a = i / 2; a <= (i + 1) / 2; a++)
@@ -19,13 +19,11 @@ void refine_column(const int16_t *ijk, const int64_t *columns, const float *valu
         }
     for (int64_t t = parents[0]; t < ends[0]; t++) {
         int16_t k = ijk[3 * t + 2];
-        float least = values[t], most = least, total = least;
-        auto take = [&](int64_t node) {
-            float v = values[node];
-            total += v, least = std::min(least, v), most = std::max(most, v);
-        };
+        float total = values[t];
+        bool near = crossed[t];
+        auto take = [&](int64_t node) { total += values[node], near &= crossed[node]; };
         auto emit = [&](int16_t at, float mean) {
-            if (std::abs(mean) < limit || (least < 0) != (most < 0)) keep(at, mean);
+            if (std::abs(mean) < limit || near) keep(at, mean);
         };
         bool whole = true;
         for (int c = 1; c < count && whole; c++) {
@@ -44,6 +42,22 @@ void refine_column(const int16_t *ijk, const int64_t *columns, const float *valu
         }
         if (whole) emit(2 * k + 1, total / float(2 * count));
     }
+}
+
+uint8_t flags_of(const int32_t *neighbours, int64_t t, int64_t n) {
+    auto has = [=](int64_t node, int first, int last) {
+        const int32_t *beside = neighbours + 6 * node;
+        return *std::max_element(beside + first, beside + last) < n;
+    };
+    if (!has(t, 0, 6)) return 0;
+    const int32_t *beside = neighbours + 6 * t;
+    if (!has(beside[2], 4, 6) || !has(beside[3], 4, 6)) return ROW | FREE;
+    for (int x = 0; x < 2; x++) {
+        if (!has(beside[x], 2, 6)) return ROW | FREE;
+        const int32_t *along = neighbours + 6 * int64_t(beside[x]);
+        if (!has(along[2], 4, 6) || !has(along[3], 4, 6)) return ROW | FREE;
+    }
+    return ROW | FREE | ENCLOSED;
 }
 
 }  // namespace
@@ -88,11 +102,10 @@ void visco_neighbour_table(const int16_t *ijk, int64_t n, const int64_t *columns
                     neighbours[6 * t + way] = other < end && ijk[3 * other + 2] == k ? other : n;
                 }
             }
-            for (int64_t t = start; t < stop; t++) {
-                const int32_t *beside = neighbours + 6 * t;
-                flags[t] = *std::max_element(beside, beside + 6) < n ? ROW | FREE : 0;
-            }
         }
+    });
+    parallel_blocks(n, BLOCK, [=](int64_t first, int64_t last) {
+        for (int64_t t = first; t < last; t++) flags[t] = flags_of(neighbours, t, n);
     });
 }
 
@@ -112,26 +125,41 @@ void visco_free_runs(const int32_t *neighbours, const uint8_t *flags, int64_t n,
     }
 }
 
-void visco_refine_counts(const int16_t *ijk, const int64_t *columns, const float *values, int64_t side,
-                         float limit, int64_t *fine_columns) {
+void visco_crossed(const float *values, const int32_t *neighbours, int64_t n, uint8_t *crossed) {
+    // Blocks may mark the same node, so they store whole bytes, and all of them the same one.
+    parallel_blocks(n, BLOCK, [=](int64_t first, int64_t last) {
+        for (int64_t i = first; i < last; i++) {
+            int32_t corners[8];
+            if (!corners_above(i, neighbours, n, corners)) continue;
+            int negative = 0;
+            for (int32_t corner : corners) negative += values[corner] < 0;
+            if (negative % 8)
+                for (int32_t corner : corners) __atomic_store_n(crossed + corner, 1, __ATOMIC_RELAXED);
+        }
+    });
+}
+
+void visco_refine_counts(const int16_t *ijk, const int64_t *columns, const float *values,
+                         const uint8_t *crossed, int64_t side, float limit, int64_t *fine_columns) {
     int64_t fine = 2 * side - 1;
     parallel(fine, [=](int64_t i) {
         for (int64_t j = 0; j < fine; j++) {
             int64_t found = 0;
-            refine_column(ijk, columns, values, side, i, j, limit, [&](int16_t, float) { found++; });
+            refine_column(ijk, columns, values, crossed, side, i, j, limit, [&](int16_t, float) { found++; });
             fine_columns[i * fine + j + 1] = found;
         }
     });
     for (int64_t column = 0; column < fine * fine; column++) fine_columns[column + 1] += fine_columns[column];
 }
 
-void visco_refine(const int16_t *ijk, const int64_t *columns, const float *values, int64_t side,
-                  float limit, const int64_t *fine_columns, int16_t *fine_ijk, float *fine_values) {
+void visco_refine(const int16_t *ijk, const int64_t *columns, const float *values, const uint8_t *crossed,
+                  int64_t side, float limit, const int64_t *fine_columns, int16_t *fine_ijk,
+                  float *fine_values) {
     int64_t fine = 2 * side - 1;
     parallel(fine, [=](int64_t i) {
         for (int64_t j = 0; j < fine; j++) {
             int64_t node = fine_columns[i * fine + j];
-            refine_column(ijk, columns, values, side, i, j, limit, [&](int16_t k, float value) {
+            refine_column(ijk, columns, values, crossed, side, i, j, limit, [&](int16_t k, float value) {
                 fine_ijk[3 * node] = i, fine_ijk[3 * node + 1] = j, fine_ijk[3 * node + 2] = k;
                 fine_values[node++] = value;
             });
