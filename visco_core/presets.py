@@ -104,7 +104,7 @@ together."""
 VOXEL_ERROR = 0.1
 """What trilinear voxels add to the noise of the points, as a share of a voxel."""
 
-VOXEL_ERROR_OF_NORMALS = 0.1
+VOXEL_ERROR_OF_NORMALS = 0.02
 """How much of that counts when normals are weighed against exact points on the finer levels, where
 the slope of a trilinear voxel is further from the surface's than most normals; as much as the noise
 counts where there is some. On the coarsest level all of it does: there the normals lead the surface
@@ -114,9 +114,10 @@ SPARSE = 6.0
 """Deviations of the noise from which on points lie far apart: a surface can hardly fold so as to
 follow their noise, so it tells what it makes of points that are left out."""
 
-SHARED_NORMAL_ERROR = 0.135
+SHARED_NORMAL_ERROR, SHARED_IN_HOLES = 0.07, 0.135
 """Error of the normals, in radians, that neighbours share and that their scatter does not show:
-what a scanner's normals are smoothed by."""
+what a scanner's normals are smoothed by. On the coarsest level normals lead the surface far from
+where they were measured, and less is to be made of them."""
 
 PAPER_EPOCHS = {30: (5, 5, 3), 21: (2, 2, 2), 15: (2, 2, 2), 8: (2, 2, 1)}
 """Minutes of the paper's budget table → epochs on each level."""
@@ -142,13 +143,13 @@ def weights_for_noise(
     so they count on the coarsest level alone.
     """
     base = FAST_WEIGHTS
-    normal_variance = noise.normal**2 + SHARED_NORMAL_ERROR**2
     variance = noise.position**2
 
     def on_level(level: int, resolution: int) -> Weights:
         voxel = (VOXEL_ERROR / resolution) ** 2
         for_normals = max(VOXEL_ERROR_OF_NORMALS * voxel, min(voxel, variance)) if level else voxel
-        normal = base.point * (variance + for_normals) / normal_variance
+        shared = SHARED_NORMAL_ERROR if level else SHARED_IN_HOLES
+        normal = base.point * (variance + for_normals) / (noise.normal**2 + shared**2)
         if derived and level:
             normal = 0.0
         viscosity = _best_viscosity(noise, resolution)

@@ -11,6 +11,7 @@ from visco_core.noise import Noise, estimate_noise
 from visco_core.presets import (
     GREATEST_VISCOSITY,
     LEAST_VISCOSITY,
+    SHARED_IN_HOLES,
     SHARED_NORMAL_ERROR,
     SMOOTHED,
     VOXEL_ERROR,
@@ -190,14 +191,15 @@ def test_smoothing_keeps_close_walls_apart_and_stays_within_its_bounds() -> None
 
 
 def test_normals_weigh_against_points_as_their_variances_say() -> None:
-    weights = weights_for_noise(Noise(0.01, 0.2, 0.1, np.inf, 0.004), [1024])[-1]
-    variance = 0.2**2 + SHARED_NORMAL_ERROR**2
-    assert weights.normal / weights.point == pytest.approx(0.01**2 / variance, rel=1e-3)
+    levels = weights_for_noise(Noise(0.01, 0.5, 0.1, np.inf, 0.004), [1024, 2048])
+    for weights, shared in zip(levels, (SHARED_IN_HOLES, SHARED_NORMAL_ERROR), strict=True):
+        variance = 0.5**2 + shared**2
+        assert weights.normal / weights.point == pytest.approx(0.01**2 / variance, rel=2e-3)
 
 
 def test_normals_weigh_more_against_points_whose_noise_hides_the_voxels_error() -> None:
     voxel = (VOXEL_ERROR / 256) ** 2
-    for noise, counted in ((0.0, 0.1 * voxel), (2e-4, 2e-4**2), (1e-3, voxel)):
+    for noise, counted in ((0.0, 0.02 * voxel), (2e-4, 2e-4**2), (1e-3, voxel)):
         weights = weights_for_noise(Noise(noise, 0.0, 0.02, np.inf, 0.003), [64, 256])[-1]
         expected = 0.1 * (noise**2 + counted) / SHARED_NORMAL_ERROR**2
         assert weights.normal == pytest.approx(expected)
