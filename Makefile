@@ -48,7 +48,7 @@ serve: setup dashboard
 	$(BIN)/visco serve
 
 test: setup dashboard browser
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: setup $(DASHBOARD)/src/api/schema.d.ts
 	$(BIN)/ruff check .

@@ -25,6 +25,7 @@ from tests.benchmarks.surfaces import load_surface
 from tests.benchmarks.tables import markdown_table, rounded
 from visco_core import gallery
 from visco_core.gallery import uniform_scan, write_scan
+from visco_core.gallery.damage import random_directions
 from visco_core.io import read_points
 from visco_core.pointcloud import PointCloud
 from visco_core.result import Mesh
@@ -84,63 +85,123 @@ def _cases(arguments: argparse.Namespace) -> Iterator[Case]:
 
 
 Recipe = Callable[[], tuple[PointCloud, Mesh | PointCloud]]
+Damage = Callable[[PointCloud], PointCloud]
+
+
+def _bare(cloud: PointCloud) -> PointCloud:
+    """Without normals."""
+    return PointCloud(cloud.points)
+
+
+def _rounded(cloud: PointCloud) -> PointCloud:
+    """Coordinates as a file with few digits has them: 500 steps along the longest side."""
+    step = np.ptp(cloud.points, axis=0).max() / 500
+    return PointCloud(step * np.rint(cloud.points / step), cloud.normals)
+
+
+def _repeated(cloud: PointCloud) -> PointCloud:
+    """Twice as many points, drawn with replacement."""
+    return cloud.select(np.random.default_rng(0).integers(0, len(cloud), 2 * len(cloud)))
+
+
+def _with_blobs(cloud: PointCloud) -> PointCloud:
+    """20 blobs of 30 points a tenth of the longest side off the surface, a hundredth wide."""
+    rng = np.random.default_rng(0)
+    size = np.ptp(cloud.points, axis=0).max()
+    assert cloud.normals is not None
+    chosen = rng.integers(0, len(cloud), 20)
+    middles = cloud.points[chosen] + 0.1 * size * cloud.normals[chosen]
+    blobs = np.repeat(middles, 30, axis=0) + 0.01 * size * rng.standard_normal((600, 3))
+    normals = random_directions(600, rng).astype(np.float32)
+    return PointCloud(
+        np.concatenate([cloud.points, blobs]), np.concatenate([cloud.normals, normals])
+    )
+
+
+_DAMAGES: dict[str, Damage] = {
+    "good": lambda cloud: cloud,
+    "flipped-10": lambda cloud: gallery.flip_normals(cloud, 0.1),
+    "flipped-30": lambda cloud: gallery.flip_normals(cloud, 0.3),
+    "flipped-50": lambda cloud: gallery.flip_normals(cloud, 0.5),
+    "inward": lambda cloud: gallery.flip_normals(cloud, 1.0),
+    "outliers-5": lambda cloud: gallery.add_outliers(cloud, 0.05),
+    "outliers-20": lambda cloud: gallery.add_outliers(cloud, 0.2),
+    "blobs": _with_blobs,
+    "rounded": _rounded,
+    "duplicates": _repeated,
+    "density-100x": lambda cloud: gallery.vary_density(cloud, 100.0),
+    "density-1000x": lambda cloud: gallery.vary_density(cloud, 1000.0),
+}
+_ABOUT_NORMALS = ("flipped", "inward")
 
 
 def _damaged(meshes: Path | None) -> dict[str, Recipe]:
-    """One good scan, made worse in one way at a time."""
+    """One good scan, made worse in one way at a time, with and without normals."""
     surface = "fertility" if meshes is not None else "octopus"
 
-    def recipe(damage: Callable[[PointCloud], PointCloud]) -> Recipe:
+    def recipe(*damages: Damage) -> Recipe:
         def make() -> tuple[PointCloud, Mesh]:
             truth = load_surface(surface, meshes)
             cloud = uniform_scan(truth, _COUNT, noise=_NOISE, normal_noise=8.0)
-            return damage(cloud), truth
+            for damage in damages:
+                cloud = damage(cloud)
+            return cloud, truth
 
         return make
 
-    return {
-        "good": recipe(lambda cloud: cloud),
-        "flipped-10": recipe(lambda cloud: gallery.flip_normals(cloud, 0.1)),
-        "flipped-30": recipe(lambda cloud: gallery.flip_normals(cloud, 0.3)),
-        "flipped-50": recipe(lambda cloud: gallery.flip_normals(cloud, 0.5)),
-        "inward": recipe(lambda cloud: gallery.flip_normals(cloud, 1.0)),
-        "outliers-5": recipe(lambda cloud: gallery.add_outliers(cloud, 0.05)),
-        "outliers-20": recipe(lambda cloud: gallery.add_outliers(cloud, 0.2)),
-        "outliers-5-no-normals": recipe(
-            lambda cloud: PointCloud(gallery.add_outliers(cloud, 0.05).points)
-        ),
-        "density-100x": recipe(lambda cloud: gallery.vary_density(cloud, 100.0)),
-        "no-normals": recipe(lambda cloud: PointCloud(cloud.points)),
-    }
+    recipes: dict[str, Recipe] = {}
+    for name, damage in _DAMAGES.items():
+        recipes[name] = recipe(damage)
+        if not name.startswith(_ABOUT_NORMALS):
+            recipes[f"{name}-no-normals"] = recipe(damage, _bare)
+    return recipes
 
 
 def _shapes(resolution: int) -> dict[str, Recipe]:
-    """Thin, sharp, several, open."""
+    """Thin, sharp, several, open, touching almost."""
 
-    def recipe(surface: Mesh, *, normals: bool = True) -> tuple[PointCloud, Mesh]:
-        cloud = uniform_scan(surface, _COUNT, noise=0.0003, normal_noise=5.0)
-        return (cloud if normals else PointCloud(cloud.points)), surface
+    def recipe(make: Callable[[], Mesh], *damages: Damage) -> Recipe:
+        def made() -> tuple[PointCloud, Mesh]:
+            surface = make()
+            cloud = uniform_scan(surface, _COUNT, noise=0.0003, normal_noise=5.0)
+            for damage in damages:
+                cloud = damage(cloud)
+            return cloud, surface
 
-    # The plate is the longest shape's 1.8 across, and the grid leaves a margin around it.
-    two_voxels = 2.0 * 1.8 * 1.1 / resolution
+        return made
+
+    def thin_plate() -> Mesh:
+        # The plate is the longest shape's 1.8 across, and the grid leaves a margin around it.
+        return gallery.thin_plate(2.0 * 1.8 * 1.1 / resolution).mesh(400)
+
+    def bracket() -> Mesh:
+        return gallery.bracket().mesh(300)
 
     def half_open() -> Mesh:
         whole = gallery.bumpy_torus().mesh(300)
         upper = (whole.vertices[whole.faces][:, :, 2] > -0.05).all(axis=1)
         return Mesh(whole.vertices, whole.faces[upper], whole.normals)
 
-    def bracket_with_outliers() -> tuple[PointCloud, Mesh]:
-        cloud, surface = recipe(gallery.bracket().mesh(300), normals=False)
-        return gallery.add_outliers(cloud, 0.05), surface
+    def stacked_boxes() -> Mesh:
+        """Two cubes, 2 % of their side apart."""
+        one = gallery.box((0.5, 0.5, 0.5)).mesh(300)
+        above = one.vertices + np.array([0, 0, 1.02])
+        faces = np.concatenate([one.faces, one.faces + len(one.vertices)])
+        return Mesh(np.concatenate([one.vertices, above]), faces, None)
 
+    outliers = _DAMAGES["outliers-5"]
     return {
-        "thin-plate": lambda: recipe(gallery.thin_plate(two_voxels).mesh(400)),
-        "sharp-box": lambda: recipe(gallery.box().mesh(300)),
-        "sharp-bracket": lambda: recipe(gallery.bracket().mesh(300)),
-        "bracket-no-normals": lambda: recipe(gallery.bracket().mesh(300), normals=False),
-        "bracket-outliers-5-no-normals": bracket_with_outliers,
-        "two-bodies": lambda: recipe(gallery.two_bodies().mesh(300)),
-        "open-half": lambda: recipe(half_open()),
+        "thin-plate": recipe(thin_plate),
+        "thin-plate-outliers-5": recipe(thin_plate, outliers),
+        "thin-plate-outliers-5-no-normals": recipe(thin_plate, outliers, _bare),
+        "sharp-box": recipe(lambda: gallery.box().mesh(300)),
+        "sharp-bracket": recipe(bracket),
+        "bracket-no-normals": recipe(bracket, _bare),
+        "bracket-outliers-5-no-normals": recipe(bracket, outliers, _bare),
+        "two-bodies": recipe(lambda: gallery.two_bodies().mesh(300)),
+        "stacked-boxes": recipe(stacked_boxes),
+        "stacked-boxes-no-normals": recipe(stacked_boxes, _bare),
+        "open-half": recipe(half_open),
     }
 
 
