@@ -19,6 +19,7 @@ from scipy.ndimage import zoom
 from tests.benchmarks.srb import add_data_arguments, data_cases
 from tests.benchmarks.tables import Cell, markdown_table
 from visco_core.clock import Clock
+from visco_core.continuation import CONTINUATION
 from visco_core.energy import Energy
 from visco_core.frame import Normalisation
 from visco_core.grid.samples import locate, spatial_order
@@ -26,7 +27,6 @@ from visco_core.grid.topology import dense_grid
 from visco_core.initial import starting_values
 from visco_core.io import read_points
 from visco_core.kernels import Array, Backend, choose_backend
-from visco_core.multires import CONTINUATION
 from visco_core.noise import estimate_noise
 from visco_core.normals import estimate_normals
 from visco_core.pointcloud import PointCloud

@@ -14,6 +14,7 @@ import pytest
 
 from visco_core.clock import Clock
 from visco_core.config import Budget, LevelSchedule, ReconstructionConfig
+from visco_core.continuation import CONTINUATION, freedom_of, towards
 from visco_core.errors import ResourceError, Stopped
 from visco_core.extract import extract_isosurface
 from visco_core.gallery import SHAPES, sphere, uniform_scan
@@ -21,12 +22,9 @@ from visco_core.grid.samples import locate
 from visco_core.grid.topology import dense_grid
 from visco_core.kernels import Backend
 from visco_core.multires import (
-    CONTINUATION,
     LevelPlan,
     Problem,
     SolvedLevel,
-    _freedom,
-    _towards,
     plan_resolutions,
     solve_levels,
 )
@@ -323,7 +321,7 @@ def test_solutions_straight_in_the_root_of_epsilon_lead_to_their_limit() -> None
     limit, error = np.float32([0.2, -0.1, 0.0]), np.float32([0.01, -0.02, 0.03])
     before, last = (4.0, limit + 2 * error), (1.0, limit + error)
     free = np.float32([1, 1, 0])
-    found = _towards(0.0, last, before, free, farthest=1.0)
+    found = towards(0.0, last, before, free, farthest=1.0)
     assert found == pytest.approx(np.where(free, limit, last[1]))
 
 
@@ -336,7 +334,7 @@ def test_a_node_of_a_voxel_with_points_is_not_extrapolated_and_one_in_a_hole_is(
     plane = plane[np.abs(plane[:, :2] - 0.5).max(1) > 0.08]
     grid = dense_grid(backend, 33)
     samples = locate(grid, plane, None)
-    freedom = backend.numpy(_freedom(grid, samples))
+    freedom = backend.numpy(freedom_of(grid, samples))
     assert not freedom[np.unique(backend.numpy(samples.corners))].any()
     cube = freedom[:-1].reshape(33, 33, 33)
     assert cube[16, 16, 16] == 1
@@ -345,7 +343,7 @@ def test_a_node_of_a_voxel_with_points_is_not_extrapolated_and_one_in_a_hole_is(
 
 def test_no_value_is_extrapolated_by_more_than_the_farthest() -> None:
     before, last = (4.0, np.float32([0.5, -0.5])), (1.0, np.float32([0.1, -0.1]))
-    found = _towards(0.0, last, before, np.ones(2, np.float32), farthest=0.05)
+    found = towards(0.0, last, before, np.ones(2, np.float32), farthest=0.05)
     assert found == pytest.approx([0.05, -0.05])
 
 
@@ -374,5 +372,5 @@ def test_a_corner_that_no_point_saw_is_sharper_than_at_the_asked_epsilon(
         return float(np.abs(shape.sdf(vertices[unseen])).mean())
 
     extrapolated = error()
-    monkeypatch.setattr("visco_core.multires._towards", lambda _, last, *others: last[1])
+    monkeypatch.setattr("visco_core.multires.towards", lambda _, last, *others: last[1])
     assert extrapolated < 0.9 * error()

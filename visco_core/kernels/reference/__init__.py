@@ -3,7 +3,7 @@
 Shapes, shared by every backend: N nodes, M voxels that hold points, P points. A vector over nodes
 has N + 1 entries; the last is always zero, and a missing neighbour points to it. A voxel's eight
 corners are ordered 4·x + 2·y + z. ``flags`` is ROW where the viscosity loss has a row, FREE where
-the value is unknown.
+the value is unknown, ENCLOSED where all 26 nodes around are there.
 
     ijk (N, 3) int16, sorted        grid coordinates of the nodes
     columns (side² + 1,) int64      where each (i, j) column of nodes starts
