@@ -2,33 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from visco_core.box_sum import box_sum
 from visco_core.equal_rows import first_of_equals
 from visco_core.errors import InputError
+from visco_core.neighbours import Neighbours
 from visco_core.pointcloud import PointCloud
 from visco_core.progress import Check, never
 from visco_core.sides import wrong_sides
+from visco_core.strays import find_scattered, find_strays
 
-_STRAY_SHARE = 0.01
-_STRAY_DISTANCE = 10.0
-_LEAST_POINTS_FOR_STRAYS = 20
-_LEAST_BODY = 10
-_BODY_SHARE = 1e-4
 _THINNEST = 1e-6
 _LARGEST = 1e100
 _BAD_NORMALS_TOLERATED = 0.5
-
-_LONELY, _FEWEST_LONELY, _MOSTLY_OFF = 0.15, 5, 0.9
-_NEIGHBOURS = 12
-_FAR, _OFF_SURFACE = 1.5, 0.3
-_APART, _TOGETHER = 16.0, 36
-_ROUNDS = 10
 
 
 @dataclass(frozen=True)
@@ -155,153 +144,6 @@ def merge_duplicates(cloud: PointCloud) -> PointCloud:
     return _with_normals(merged, np.stack(sums, axis=1).astype(np.float32))
 
 
-def find_strays(points: np.ndarray) -> np.ndarray:
-    """(P,) bool: far, lonely points that would only blow up the bounding box.
-
-    points (P, 3), finite and distinct. Distances are largest coordinate differences. Let r be the
-    distance from the median within which 99 % of the points lie (all but one, below 200). A point
-    is a stray if it is farther than 10 r and has no body around it: points that far are put into
-    cells of size r, and touching cells that together hold 10 of them, or 0.01 % of the scan if that
-    is more, are a body and stay, however far away. Below 20 points nothing is a stray.
-    """
-    strays = np.zeros(len(points), bool)
-    far, middle, radius = _far_away(points)
-    if len(far):
-        with np.errstate(over="ignore"):
-            cells = np.floor(np.clip((points[far] - middle) / radius, -1e15, 1e15))
-        sizes = _group_sizes(cells.astype(np.int64))
-        strays[far] = sizes < max(_LEAST_BODY, _BODY_SHARE * len(points))
-    return strays
-
-
-def _far_away(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Indices of the points farther than 10 r from the median, the median (3,), and r."""
-    count, middle = len(points), np.median(points, axis=0)
-    none = np.empty(0, np.int64)
-    if count < _LEAST_POINTS_FOR_STRAYS:
-        return none, middle, 0.0
-    with np.errstate(over="ignore"):
-        distances = np.abs(points[:, 0] - middle[0])
-        for axis in (1, 2):
-            np.maximum(distances, np.abs(points[:, axis] - middle[axis]), out=distances)
-    inner = count - 1 - max(1, int(_STRAY_SHARE * count))
-    radius = float(np.partition(distances, inner)[inner])
-    with np.errstate(over="ignore"):
-        far = np.flatnonzero(distances > _STRAY_DISTANCE * radius)
-    return (far if radius > 0 else none), middle, radius
-
-
-def find_scattered(
-    points: np.ndarray,
-    normals: np.ndarray | None = None,
-    threads: int = -1,
-    check: Check = never,
-) -> np.ndarray:
-    """(P,) bool: points in the space between surfaces, where a scanner's noise has put them.
-
-    points (P, 3), finite and distinct; normals (P, 3), unit, of either side, or None for those of
-    planes through neighbours. A point is off the surface if half of its 12 nearest lie more than
-    17° (sine 0.3) off its own plane, or it off theirs. Scans are left alone unless five points or
-    more lie in lonely places, which coarse cells tell, and nine in ten of these are off the
-    surface: elsewhere the scan is only sparse. (Once some are found, one lonely point is enough to
-    go on.) Then all points go that are 1.5 times farther from
-    their 12 nearest than is usual, and off, or 16 times farther than one of 36 nearest is from its
-    own: fewer together are no surface. What is left is looked at again while that finds more, up
-    to ten times in all: among many such points some look like a surface until the others are gone.
-    A body so far away that ``find_strays`` has judged it is left alone.
-    """
-    scattered = np.zeros(len(points), bool)
-    bodies = _far_away(points)[0]
-    for _ in range(_ROUNDS):
-        kept = np.flatnonzero(~scattered)
-        known = bool(scattered.any())
-        left = None if normals is None else normals[kept]
-        found = _off_and_far(points[kept], left, known, threads, check)
-        if not len(found):
-            break
-        scattered[kept[found]] = True
-        scattered[bodies] = False
-    return scattered
-
-
-def _off_and_far(
-    points: np.ndarray, normals: np.ndarray | None, known: bool, threads: int, check: Check
-) -> np.ndarray:
-    """Indices of what one look finds; ``known``: the scan has such points, an earlier one found."""
-    none = np.empty(0, np.int64)
-    if len(points) <= _NEIGHBOURS:
-        return none
-    around = _count_around(points)
-    lonely = np.flatnonzero(around < _LONELY * np.median(around))
-    if len(lonely) < (1 if known else _FEWEST_LONELY):
-        return none
-    from visco_core.neighbours import Neighbours
-
-    look_up = Neighbours(points, threads, check)
-    planes = _planes(points, normals, threads, check)
-
-    def off_surface(chosen: np.ndarray) -> np.ndarray:
-        distance, near = (
-            found[:, 1:] for found in look_up.nearest(points[chosen], _NEIGHBOURS + 1)
-        )
-        offset = points[near] - points[chosen, None]
-        both = planes(np.column_stack([near, chosen]))
-        sines = [
-            np.abs((offset * plane).sum(2)) / distance for plane in (both[:, :-1], both[:, -1:])
-        ]
-        return np.max([np.median(sine, axis=1) for sine in sines], axis=0) > _OFF_SURFACE
-
-    if not known and off_surface(lonely).mean() <= _MOSTLY_OFF:
-        return none
-    reach = look_up.nearest(points, _NEIGHBOURS + 1)[0][:, -1]
-    far = np.flatnonzero(reach > _FAR * np.median(reach))
-    near = look_up.nearest(points[far], min(_TOGETHER, len(points)))[1]
-    apart = reach[near].min(1) < reach[far] / _APART
-    return far[off_surface(far) | apart]
-
-
-def _planes(
-    points: np.ndarray, normals: np.ndarray | None, threads: int, check: Check
-) -> Callable[[np.ndarray], np.ndarray]:
-    """What gives the planes' normals (..., 3) of points by their indices, estimated if need be."""
-    if normals is not None:
-        return lambda indices: normals[indices]
-    from visco_core.normals import plane_finder
-
-    planes_at = plane_finder(points, threads, check)
-
-    def estimated(indices: np.ndarray) -> np.ndarray:
-        needed, place = np.unique(indices, return_inverse=True)
-        return planes_at(points[needed])[place.reshape(indices.shape)]
-
-    return estimated
-
-
-def _count_around(points: np.ndarray) -> np.ndarray:
-    """(P,) how many points share each one's cell and the 26 around it, some 60 on a surface."""
-    cells = int(np.clip(np.sqrt(len(points) / 20), 4, 64))
-    low = points.min(axis=0)
-    width = np.ptp(points, axis=0).max() / cells
-    cell = np.minimum(((points - low) / width).astype(np.int64), cells - 1)
-    place = (cell[:, 0] * cells + cell[:, 1]) * cells + cell[:, 2]
-    counts = np.bincount(place, minlength=cells**3).reshape((cells,) * 3)
-    return box_sum(counts, 3).ravel()[place]
-
-
-def _group_sizes(cells: np.ndarray) -> np.ndarray:
-    """(K,) for cells (K, 3): how many entries lie in the group of touching cells of each."""
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import KDTree
-
-    distinct, cell = np.unique(cells, axis=0, return_inverse=True)
-    tree = KDTree(distinct.astype(np.float64))
-    touching = tree.sparse_distance_matrix(tree, 1.5, p=np.inf, output_type="coo_matrix")
-    touching.data[:] = 1
-    _, group = connected_components(touching, directed=False)
-    group = group[cell.ravel()]
-    return np.bincount(group)[group]
-
-
 def _require_surface(points: np.ndarray) -> None:
     if len(points) < 4:
         raise InputError(
@@ -349,8 +191,6 @@ def _nearest(
     points: np.ndarray, among: np.ndarray, of: np.ndarray, threads: int, check: Check
 ) -> np.ndarray:
     """For each point of mask ``of``, the index of the nearest one of mask ``among``."""
-    from visco_core.neighbours import Neighbours
-
     found = Neighbours(points[among], threads, check).nearest(points[of])[1]
     return np.flatnonzero(among)[found[:, 0]]
 

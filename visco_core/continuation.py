@@ -11,12 +11,13 @@ from visco_core.grid.samples import Samples
 from visco_core.grid.topology import Grid
 from visco_core.kernels import Array
 
-CONTINUATION = (8.0, 4.0, 2.0, 1.0)
-"""ε on the coarsest level, in turn, as multiples of the asked one. A larger ε leaves fewer local
-minima and moves the surface across holes in few steps; starting at the asked ε ends higher. Two
-solutions tell where the next one lies, and the last two where ε → 0 leads: see ``towards``."""
+CONTINUATION = ((8.0, 0.25), (4.0, 0.5), (2.0, 1.0), (1.0, 1.0))
+"""ε on the coarsest level, in turn, as multiples of the asked one, and shares of the level's outer
+steps. A larger ε leaves fewer local minima and moves the surface across holes in few steps;
+starting at the asked ε ends higher. Two solutions tell where the next one lies, and the last two,
+which need all the steps, where ε → 0 leads: see ``towards``."""
 
-FARTHEST = 0.4
+FARTHEST = 0.33
 """Voxels by which an extrapolation in ε may change a value."""
 
 AROUND, DENSE = 17, 5.0

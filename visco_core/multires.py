@@ -119,9 +119,14 @@ class LevelPlan:
                 seed=self.settings.config.seed + level,
             )
             return [(epsilon, adam)]
-        steps = _entry(schedule.outer_steps, level), _entry(schedule.inner_steps, level)
-        factors = CONTINUATION if level == 0 else (1.0,)
-        return [(factor * epsilon, GaussNewton(*steps)) for factor in factors]
+        outer, inner = (
+            _entry(steps, level) for steps in (schedule.outer_steps, schedule.inner_steps)
+        )
+        stages = CONTINUATION if level == 0 else ((1.0, 1.0),)
+        return [
+            (factor * epsilon, GaussNewton(math.ceil(share * outer), inner))
+            for factor, share in stages
+        ]
 
     def foresee(self, values: np.ndarray, level: int) -> None:
         """Predicts the nodes of the next levels from the values on this one."""

@@ -94,6 +94,11 @@ NOISE_ERROR = 2.4
 ROUGHNESS = 0.026
 """What trilinear voxels make of exact points, as noise, in voxels."""
 
+LAST = 1.35
+"""How many times the noise counts on the finest level of a scan with a scanner's own normals: its
+iterations take off short waves and leave the shape's long ones, so more smoothing costs less. What
+normals are planes of has mostly been put together from views, whose errors neighbours share."""
+
 LEAST_VISCOSITY, GREATEST_VISCOSITY = 1e-6, 0.1
 """λv below which stray pieces appear, and beyond which the levels' iterations do not suffice."""
 
@@ -152,7 +157,9 @@ def weights_for_noise(
         normal = base.point * (variance + for_normals) / (noise.normal**2 + shared**2)
         if derived and level:
             normal = 0.0
-        viscosity = _best_viscosity(noise, resolution)
+        last = 0 < level == len(resolutions) - 1 and not derived
+        smoothed = replace(noise, position=LAST * noise.position) if last else noise
+        viscosity = _best_viscosity(smoothed, resolution)
         return replace(base, normal=min(normal, 1e-3), viscosity=viscosity)
 
     return tuple(on_level(*entry) for entry in enumerate(resolutions))

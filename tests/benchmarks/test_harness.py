@@ -131,4 +131,4 @@ def test_the_profile_fast_ends_at_the_energy_of_a_plain_solver(tmp_path: Path) -
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in printed.splitlines()]
     at_the_end = {row[0]: float(row[5]) for row in rows if row and " × " in row[0]}
     assert len(at_the_end) > 5
-    assert at_the_end["BPX, 8ε to ε, 4 × 4 × 30"] < 1.001 * at_the_end["diagonal, 60 × 40"]
+    assert at_the_end["BPX, 8ε to ε, 11 × 30"] < 1.001 * at_the_end["diagonal, 60 × 40"]

@@ -35,6 +35,7 @@ from visco_core.solvers.adam import Adam
 from visco_core.solvers.gauss_newton import GaussNewton
 
 QUICK = LevelSchedule(outer_steps=(2, 1), inner_steps=(8,), band_width=3.0)
+COARSEST_STEPS = 1 + 1 + 2 + 2
 
 
 def settings(resolution: int = 128, schedule: LevelSchedule = QUICK, **fields: Any) -> Settings:
@@ -115,11 +116,10 @@ def test_progress_counts_levels_and_steps_and_never_falls(record: Record) -> Non
     assert 0 <= fractions[0] <= fractions[-1] <= 1
     solving = [p for p in record.progress if p.step]
     assert {p.phase for p in solving} == {"solve"}
-    coarsest = 2 * len(CONTINUATION)
     levels = [(p.level, p.resolution) for p in solving]
-    assert levels == [(1, 64)] * coarsest + [(2, 128)]
-    assert [p.step for p in solving] == [*range(1, coarsest + 1), 1]
-    assert {(p.levels, p.steps) for p in solving} == {(2, coarsest), (2, 1)}
+    assert levels == [(1, 64)] * COARSEST_STEPS + [(2, 128)]
+    assert [p.step for p in solving] == [*range(1, COARSEST_STEPS + 1), 1]
+    assert {(p.levels, p.steps) for p in solving} == {(2, COARSEST_STEPS), (2, 1)}
     assert all(p.remaining_seconds is not None for p in solving)
     assert all(p.losses.keys() == {"point", "normal", "viscosity"} for p in solving)
 
@@ -142,7 +142,7 @@ def test_phases_and_steps_make_the_report(record: Record) -> None:
     assert solved["steps"] == 1
     assert solved["iterations"] <= 8
     steps = [(entry["resolution"], entry["step"]) for entry in record.clock.steps]
-    assert steps == [(64, step) for step in range(1, 2 * len(CONTINUATION) + 1)] + [(128, 1)]
+    assert steps == [(64, step) for step in range(1, COARSEST_STEPS + 1)] + [(128, 1)]
     assert solved["point"] == record.best.losses["point"] == record.clock.steps[-1]["point"]
 
 
@@ -158,8 +158,8 @@ def test_without_fitted_normals_there_is_no_normal_loss(native_backend: Backend)
 def test_fast_stages_continue_in_epsilon_on_the_coarsest_level_only() -> None:
     plan = plan_of(settings())
     epsilon = plan.settings.weights[0].viscosity_epsilon
-    assert [factor for factor, _ in plan.stages(0)] == [epsilon * f for f in CONTINUATION]
-    assert plan.stages(0)[-1] == (epsilon, GaussNewton(2, 8))
+    steps = [(8, GaussNewton(1, 8)), (4, GaussNewton(1, 8)), (2, GaussNewton(2, 8))]
+    assert plan.stages(0) == [(f * epsilon, s) for f, s in (*steps, (1, GaussNewton(2, 8)))]
     assert plan.stages(1) == [(epsilon, GaussNewton(1, 8))]
     assert plan.stages(4) == plan.stages(1)
 

@@ -10,6 +10,7 @@ from visco_core.gallery import SHAPES, flip_normals, thin_plate, uniform_scan
 from visco_core.noise import Noise, estimate_noise
 from visco_core.presets import (
     GREATEST_VISCOSITY,
+    LAST,
     LEAST_VISCOSITY,
     SHARED_IN_HOLES,
     SHARED_NORMAL_ERROR,
@@ -170,10 +171,13 @@ def _noise(position: float = 0.005, bending: float = 0.002, spacing: float = 0.0
 
 def test_smoothing_is_that_with_the_least_error_expected() -> None:
     noise = _noise()
-    chosen = _viscosity(noise) * np.array([1, 0.5, 2])
-    errors = expected_error(noise, 256, chosen)
-    assert errors.argmin() == 0
-    assert errors.max() < 1.2 * errors.min()
+    middle, finest = weights_for_noise(noise, [64, 256, 512])[1:]
+    on_the_finest = replace(noise, position=LAST * noise.position)
+    for counted, weights, resolution in ((noise, middle, 256), (on_the_finest, finest, 512)):
+        chosen = weights.viscosity * np.array([1, 0.5, 2])
+        errors = expected_error(counted, resolution, chosen)
+        assert errors.argmin() == 0
+        assert errors.max() < 1.2 * errors.min()
 
 
 def test_smoothing_grows_with_noise_and_falls_with_bending_and_with_more_points() -> None:
@@ -210,7 +214,17 @@ def test_normals_made_from_the_points_count_on_the_coarsest_level_alone() -> Non
     given = weights_for_noise(noise, resolutions)
     made = weights_for_noise(noise, resolutions, derived=True)
     assert [weights.normal for weights in made] == [given[0].normal, 0, 0]
-    assert [weights.viscosity for weights in made] == [weights.viscosity for weights in given]
+
+
+def test_only_on_the_finest_level_a_scanners_normals_allow_more_smoothing() -> None:
+    noise, resolutions = Noise(0.001, 0.2, 0.002, np.inf, 0.003), [64, 128, 256]
+    given, made = (
+        [w.viscosity for w in weights_for_noise(noise, resolutions, derived=derived)]
+        for derived in (False, True)
+    )
+    assert given[:2] == made[:2]
+    assert 1.3 * made[2] < given[2] < 1.7 * made[2]
+    assert weights_for_noise(noise, [96])[0] == weights_for_noise(noise, [96], derived=True)[0]
 
 
 def test_an_exact_scan_still_gets_the_smoothing_that_voxels_need() -> None:

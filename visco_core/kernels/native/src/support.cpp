@@ -20,17 +20,20 @@ void visco_support(const float *places, const float *directions, int64_t count, 
             weight = spacing = cosine = 0;
             int64_t low = std::max<int64_t>(cell[1] - 1, 0), high = std::min(cell[1] + 2, side);
             for (int64_t i = std::max<int64_t>(cell[0] - 1, 0); i < std::min(cell[0] + 2, side); i++) {
-                int64_t row = first + i * side;
-                for (int32_t c = columns[row + low]; c < columns[row + high]; c++) {
-                    if (std::abs(depths[c] - cell[2]) > 1) continue;
-                    const float *cluster = clusters + 8 * int64_t(c);
-                    float dx = cluster[1] - at[0], dy = cluster[2] - at[1], dz = cluster[3] - at[2];
-                    float w = 1 - (dx * dx + dy * dy + dz * dz) * falling;
-                    float facing = cluster[4] * n[0] + cluster[5] * n[1] + cluster[6] * n[2];
-                    if (w <= 0 || facing <= 0) continue;
-                    weight += w * cluster[0];
-                    cosine += w * facing;
-                    spacing += w * cluster[7];
+                for (int64_t j = low; j < high; j++) {
+                    const int32_t *column = columns + first + i * side + j;
+                    const int32_t *end = depths + column[1];
+                    const int32_t *depth = std::lower_bound(depths + column[0], end, cell[2] - 1);
+                    for (; depth < end && *depth <= cell[2] + 1; depth++) {
+                        const float *cluster = clusters + 8 * (depth - depths);
+                        float dx = cluster[1] - at[0], dy = cluster[2] - at[1], dz = cluster[3] - at[2];
+                        float w = 1 - (dx * dx + dy * dy + dz * dz) * falling;
+                        float facing = cluster[4] * n[0] + cluster[5] * n[1] + cluster[6] * n[2];
+                        if (w <= 0 || facing <= 0) continue;
+                        weight += w * cluster[0];
+                        cosine += w * facing;
+                        spacing += w * cluster[7];
+                    }
                 }
             }
             if (weight >= enough || level == levels - 1) break;
