@@ -10,6 +10,7 @@ from visco_core.box_sum import box_sum
 from visco_core.grid.samples import Samples
 from visco_core.grid.topology import Grid
 from visco_core.kernels import Array
+from visco_core.solvers.gauss_newton import GaussNewton
 
 CONTINUATION = ((8.0, 0.25), (4.0, 0.5), (2.0, 1.0), (1.0, 1.0))
 """ε on the coarsest level, in turn, as multiples of the asked one, and shares of the level's outer
@@ -23,6 +24,14 @@ FARTHEST = 0.33
 AROUND, DENSE = 17, 5.0
 """Voxels a side of the block that tells whether a node's surroundings are densely scanned, and the
 points a voxel of a plane then holds."""
+
+
+def continuation(epsilon: float, steps: int, inner_steps: int) -> list[tuple[float, GaussNewton]]:
+    """Each ε of ``CONTINUATION`` and its solver, of a level with so many outer and inner steps."""
+    return [
+        (factor * epsilon, GaussNewton(math.ceil(share * steps), inner_steps))
+        for factor, share in CONTINUATION
+    ]
 
 
 def towards(

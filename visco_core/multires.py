@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from visco_core.clock import Clock
-from visco_core.continuation import CONTINUATION, FARTHEST, freedom_of, towards
+from visco_core.continuation import FARTHEST, continuation, freedom_of, towards
 from visco_core.energy import Energy
 from visco_core.errors import ResourceError
 from visco_core.grid.samples import Samples, locate
@@ -119,14 +119,10 @@ class LevelPlan:
                 seed=self.settings.config.seed + level,
             )
             return [(epsilon, adam)]
-        outer, inner = (
-            _entry(steps, level) for steps in (schedule.outer_steps, schedule.inner_steps)
-        )
-        stages = CONTINUATION if level == 0 else ((1.0, 1.0),)
-        return [
-            (factor * epsilon, GaussNewton(math.ceil(share * outer), inner))
-            for factor, share in stages
-        ]
+        steps = _entry(schedule.outer_steps, level), _entry(schedule.inner_steps, level)
+        if level == 0:
+            return [*continuation(epsilon, *steps)]
+        return [(epsilon, GaussNewton(*steps))]
 
     def foresee(self, values: np.ndarray, level: int) -> None:
         """Predicts the nodes of the next levels from the values on this one."""

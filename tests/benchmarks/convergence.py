@@ -8,7 +8,6 @@ last column is when the energy of the plain solver's 60 × 40 steps was reached.
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from scipy.ndimage import zoom
 from tests.benchmarks.srb import add_data_arguments, data_cases
 from tests.benchmarks.tables import Cell, markdown_table
 from visco_core.clock import Clock
-from visco_core.continuation import CONTINUATION
+from visco_core.continuation import continuation
 from visco_core.energy import Energy
 from visco_core.frame import Normalisation
 from visco_core.grid.samples import locate, spatial_order
@@ -128,8 +127,7 @@ def _solved(level: Level, solver: GaussNewton) -> Trace:
 
 def _continued(level: Level) -> Trace:
     """As the profile ``fast`` goes through ε, less its extrapolation."""
-    stages = [(factor, GaussNewton(math.ceil(4 * share), 30)) for factor, share in CONTINUATION]
-    return _traced(level.energy(), stages, level.start())[0]
+    return _traced(level.energy(), continuation(1.0, 4, 30), level.start())[0]
 
 
 def _nested(level: Level) -> Trace:
