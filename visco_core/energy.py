@@ -5,6 +5,11 @@
 The point and normal losses are quadratic in f: per voxel they are one 8 × 8 matrix and one vector,
 gathered once, so that an iteration costs nothing per point. The viscosity residual r is linearised;
 its matrix JᵀJ is applied in two passes and never formed. Coarea enters by its gradient.
+
+With a target r₀ the viscosity loss is λv/N Σ (r − r₀)². Of the residual that an earlier solution
+keeps it is the Bregman distance to that (Osher et al., "An iterative regularization method for
+total variation-based image restoration", MMS 2005): smoothing then draws the surface to the one
+found so far, instead of making it smaller once more.
 """
 
 from __future__ import annotations
@@ -39,9 +44,12 @@ class Linearisation:
 
 
 class Energy:
-    """The energy on ``grid`` for ``samples`` of the scan."""
+    """The energy on ``grid`` for ``samples`` of the scan; ``target`` (N + 1,) is r₀, else 0."""
 
-    def __init__(self, grid: Grid, samples: Samples, weights: Weights) -> None:
+    def __init__(
+        self, grid: Grid, samples: Samples, weights: Weights, target: Array | None = None
+    ) -> None:
+        self._target = grid.backend.zeros(len(grid) + 1) if target is None else target
         self.grid, self.samples, self.weights = grid, samples, weights
         self._kernels = grid.backend.kernels
         self._half_inverse = np.float32(0.5 * grid.resolution)
@@ -70,9 +78,7 @@ class Energy:
         grid, weights, kernels = self.grid, self.weights, self._kernels
         slopes = grid.backend.zeros(3, len(grid) + 1)
         gradient = grid.backend.zeros(len(grid) + 1)
-        square = kernels.linearise(
-            values, grid.runs, self._half_inverse, self._laplace, slopes, self._rows
-        )
+        square = self._fill_rows(values, self._target, slopes, self._rows)
         kernels.viscosity_columns(
             self._rows, slopes, grid.runs, self._laplace, self._scale, gradient
         )
@@ -82,6 +88,18 @@ class Energy:
         if weights.coarea:
             losses["coarea"] = self._add_coarea(values, gradient, grid.flags, np.float32(1))
         return Linearisation(values, losses, gradient, slopes)
+
+    def residual(self, values: Array) -> Array:
+        """r (N + 1,) of ``values`` (N + 1,) at the corners of voxels with points, else zero."""
+        nodes, backend = len(self.grid) + 1, self.grid.backend
+        rows = backend.zeros(nodes)
+        self._fill_rows(values, backend.zeros(nodes), backend.zeros(3, nodes), rows)
+        ones = backend.array(np.ones(self.samples.corners.shape, np.float32))
+        return rows * (self.scattered(ones) > 0)
+
+    def _fill_rows(self, values: Array, target: Array, slopes: Array, rows: Array) -> float:
+        scales = self._half_inverse, self._laplace
+        return self._kernels.linearise(values, target, self.grid.runs, *scales, slopes, rows)
 
     def sampled_gradient(self, values: Array, fraction: float, seed: int) -> Array:
         """An unbiased estimate (N + 1,) of the energy's gradient from a share of the voxels.
@@ -95,7 +113,7 @@ class Energy:
         flags = grid.flags - (grid.flags & ROW) * (1 - kept)
         gradient = backend.zeros(len(grid) + 1)
         slopes = backend.zeros(3, len(grid) + 1)
-        kernels.linearise(values, grid.runs, self._half_inverse, self._laplace, slopes, self._rows)
+        self._fill_rows(values, self._target, slopes, self._rows)
         self._rows *= kept
         kernels.viscosity_columns(
             self._rows, slopes, grid.runs, self._laplace, self._scale * share, gradient

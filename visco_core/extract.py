@@ -72,11 +72,15 @@ def _triangulations(loop: list[int]) -> Iterator[list[tuple[int, int, int]]]:
                 yield [*left, (loop[0], loop[apex], loop[-1]), *right]
 
 
-def _chords_in_a_face(loop: list[int], triangles: list[tuple[int, int, int]]) -> int:
-    """How many sides of the triangles are no side of the loop and lie in a face of the voxel."""
+def _triangulated(loop: list[int]) -> list[tuple[int, int, int]]:
+    """The first triangulation whose chords, sides that are none of the loop, lie in no face."""
     sides = {frozenset(pair) for pair in zip(loop, loop[1:] + loop[:1], strict=True)}
-    chords = {frozenset((t[k], t[k - 1])) for t in triangles for k in range(3)} - sides
-    return len(chords & _pairs_in_a_face())
+    barred = _pairs_in_a_face() - sides
+    return next(
+        triangles
+        for triangles in _triangulations(loop)
+        if not any(frozenset((t[k], t[k - 1])) in barred for t in triangles for k in range(3))
+    )
 
 
 @functools.cache
@@ -92,13 +96,7 @@ def case_table() -> tuple[np.ndarray, np.ndarray]:
     counts = np.zeros(256, np.uint8)
     table = np.zeros((256, MAX_TRIANGLES, 3), np.uint8)
     for case in range(256):
-        triangles = [
-            triangle
-            for loop in _loops(case)
-            for triangle in min(
-                _triangulations(loop), key=lambda found: _chords_in_a_face(loop, found)
-            )
-        ]
+        triangles = [triangle for loop in _loops(case) for triangle in _triangulated(loop)]
         counts[case] = len(triangles)
         for row, triangle in enumerate(triangles):
             table[case, row] = triangle

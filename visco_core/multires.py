@@ -74,10 +74,14 @@ class Problem:
 
 @dataclass(frozen=True)
 class SolvedLevel:
-    """A level and what it was solved with; the finer ones go on with the same settings."""
+    """A level and what it was solved with; the finer ones go on with the same settings.
+
+    residual (N + 1,): ``Energy.residual`` of the values.
+    """
 
     grid: Grid
     values: Array
+    residual: Array
     samples: Samples
     losses: dict[str, float]
     settings: Settings
@@ -230,11 +234,14 @@ def _begin(
     resolution: int,
     coarser: SolvedLevel | None,
     check: Check,
-) -> tuple[Grid, Array]:
+) -> tuple[Grid, Array, Array]:
+    """The grid, the values (N + 1,) to begin with, and the target (N + 1,) of the residual."""
     if coarser is not None:
-        return refine(coarser.grid, coarser.values, problem.settings.schedule.band_width)
+        target = np.float32(problem.settings.kept) * coarser.residual
+        width = problem.settings.schedule.band_width
+        return refine(coarser.grid, coarser.values, target, width)
     values = starting_values(backend, problem.points, problem.start_normals, resolution, check)
-    return dense_grid(backend, resolution + 1), backend.array(values)
+    return dense_grid(backend, resolution + 1), backend.array(values), backend.zeros(len(values))
 
 
 def _solve_level(
@@ -246,14 +253,14 @@ def _solve_level(
 ) -> SolvedLevel:
     clock, resolution = plan.clock, plan.resolutions[level]
     with clock.phase("refine" if coarser else "start", resolution=resolution) as entry:
-        grid, begun = _begin(backend, problem, resolution, coarser, clock.check)
+        grid, begun, target = _begin(backend, problem, resolution, coarser, clock.check)
         entry["nodes"] = plan.nodes[level] = len(grid)
     plan.start(level)
     with clock.phase("solve", resolution=resolution, nodes=len(grid)) as entry:
         started = time.monotonic()
         samples = locate(grid, problem.points, problem.fitted_normals, clock.check)
         clock.check()
-        energy = Energy(grid, samples, problem.weights(level))
+        energy = Energy(grid, samples, problem.weights(level), target)
         clock.check()
         plan.located(time.monotonic() - started)
         reporter, stages = _Reporter(plan, level), plan.stages(level)
@@ -265,7 +272,9 @@ def _solve_level(
             viscosity, state = choose_viscosity(energy, begun, state, solver, clock, seed)
             values, settings = state.values, settings.with_viscosity(viscosity)
         entry.update(steps=reporter.steps, iterations=reporter.work, **state.losses)
-    return SolvedLevel(grid, keep_closed(grid, begun, values), samples, state.losses, settings)
+        values = keep_closed(grid, begun, values)
+        residual = energy.residual(values)
+    return SolvedLevel(grid, values, residual, samples, state.losses, settings)
 
 
 def _solve_stages(

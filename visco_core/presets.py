@@ -43,12 +43,14 @@ class Settings:
     """A config with nothing left open; ``weights`` of each level, coarsest first.
 
     ``leave_one_out``: whether the second level looks for a better λv; see the module of that name.
+    ``kept``: the share of the viscosity residual on a level that the next one keeps.
     """
 
     config: ReconstructionConfig
     weights: tuple[Weights, ...]
     schedule: Schedule
     leave_one_out: bool = False
+    kept: float = 0.0
 
     def with_viscosity(self, viscosity: float) -> Settings:
         """The same with λv ``viscosity`` on all levels but the coarsest."""
@@ -81,23 +83,22 @@ SMOOTHED = 11 * FAST_WEIGHTS.viscosity_epsilon
 """Radius, in units of the cube, over which a quadric misses the surface about as the solution does,
 whatever λv."""
 
-BEND_ERROR = 7.0
-"""What the solution's error from smoothing is, over √λv and over that of a quadric."""
+BEND_ERROR, BEND_POWER = 12.0, 0.7
+"""What the solution's error from smoothing is, over that power of λv and over that of a quadric."""
 
-CURVE_ERROR, CURVE_VISCOSITY = 4 * FAST_WEIGHTS.viscosity_epsilon**2, 5e-4
+CURVE_ERROR, CURVE_VISCOSITY = FAST_WEIGHTS.viscosity_epsilon**2, 1e-3
 """Error on the smoothest shapes, in units of the cube, that ever larger λv tends to, and λv with
 which it is half of it."""
 
 NOISE_ERROR = 2.4
 """What is left of the noise, times λv^¼, over the noise and over the spacing of the points."""
 
-ROUGHNESS = 0.026
+ROUGHNESS = 0.005
 """What trilinear voxels make of exact points, as noise, in voxels."""
 
-LAST = 1.35
-"""How many times the noise counts on the finest level of a scan with a scanner's own normals: its
-iterations take off short waves and leave the shape's long ones, so more smoothing costs less. What
-normals are planes of has mostly been put together from views, whose errors neighbours share."""
+SHARED_NOISE = 0.37
+"""How much noise counts where normals were computed from the points: such scans have mostly been
+put together from views, whose errors neighbours share, and a mean over neighbours keeps."""
 
 LEAST_VISCOSITY, GREATEST_VISCOSITY = 1e-6, 0.1
 """λv below which stray pieces appear, and beyond which the levels' iterations do not suffice."""
@@ -124,6 +125,10 @@ SHARED_NORMAL_ERROR, SHARED_IN_HOLES = 0.07, 0.135
 what a scanner's normals are smoothed by. On the coarsest level normals lead the surface far from
 where they were measured, and less is to be made of them."""
 
+KEPT = 0.65
+"""Share of a level's viscosity residual, where there are points, that the next level keeps: what
+smoothing took from the shape there. All of it brings back some more of the noise."""
+
 PAPER_EPOCHS = {30: (5, 5, 3), 21: (2, 2, 2), 15: (2, 2, 2), 8: (2, 2, 1)}
 """Minutes of the paper's budget table → epochs on each level."""
 
@@ -149,6 +154,7 @@ def weights_for_noise(
     """
     base = FAST_WEIGHTS
     variance = noise.position**2
+    counted = replace(noise, position=SHARED_NOISE * noise.position) if derived else noise
 
     def on_level(level: int, resolution: int) -> Weights:
         voxel = (VOXEL_ERROR / resolution) ** 2
@@ -157,9 +163,7 @@ def weights_for_noise(
         normal = base.point * (variance + for_normals) / (noise.normal**2 + shared**2)
         if derived and level:
             normal = 0.0
-        last = 0 < level == len(resolutions) - 1 and not derived
-        smoothed = replace(noise, position=LAST * noise.position) if last else noise
-        viscosity = _best_viscosity(smoothed, resolution)
+        viscosity = _best_viscosity(counted, resolution)
         return replace(base, normal=min(normal, 1e-3), viscosity=viscosity)
 
     return tuple(on_level(*entry) for entry in enumerate(resolutions))
@@ -170,7 +174,7 @@ def expected_error(noise: Noise, resolution: int, viscosity: np.ndarray) -> np.n
 
     Smoothing takes from the shape, with b the bending,
 
-        CURVE_ERROR · λv/(λv + CURVE_VISCOSITY) + BEND_ERROR · b √λv,
+        CURVE_ERROR · λv/(λv + CURVE_VISCOSITY) + BEND_ERROR · b λv^BEND_POWER,
 
     and leaves of noise in points with the spacing s the share
 
@@ -181,7 +185,7 @@ def expected_error(noise: Noise, resolution: int, viscosity: np.ndarray) -> np.n
     ROUGHNESS voxels, one voxel apart where the points are not closer. All three are squared and
     added.
     """
-    bent = BEND_ERROR * noise.bending * np.sqrt(viscosity)
+    bent = BEND_ERROR * noise.bending * viscosity**BEND_POWER
     shape = CURVE_ERROR * viscosity / (viscosity + CURVE_VISCOSITY) + bent
     error: np.ndarray = np.square(shape)
     voxel = 1 / resolution
@@ -237,7 +241,9 @@ def decide(
         band_width=band_width,
     )
     merged = tuple(_merged(each, config.weights) for each in weights)
-    return Settings(config, merged, schedule, sparse and config.weights.viscosity is None)
+    search = sparse and config.weights.viscosity is None
+    kept = 0.0 if sparse or config.profile == "paper" else KEPT
+    return Settings(config, merged, schedule, search, kept)
 
 
 def _merged(defaults: Weights, asked: LossWeights) -> Weights:

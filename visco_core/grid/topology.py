@@ -67,17 +67,20 @@ def dense_grid(backend: Backend, side: int) -> Grid:
     return _grid(backend, side, backend.array(ijk), backend.array(columns))
 
 
-def refine(grid: Grid, values: Array, band_width: float) -> tuple[Grid, Array]:
-    """The next level's band and the interpolated values (N' + 1,) on it.
+def refine(
+    grid: Grid, values: Array, target: Array, band_width: float
+) -> tuple[Grid, Array, Array]:
+    """The next level's band and ``values`` and ``target`` (N' + 1,) interpolated on it.
 
     Keeps the nodes with |f| below ``band_width`` fine voxels, and all in the voxels where the sign
     changes.
     """
     side = 2 * grid.side - 1
-    ijk, columns, fine = grid.backend.kernels.refine(
-        grid.ijk, grid.columns, grid.neighbours, values, grid.side, band_width / (side - 1)
+    fields = values, target, grid.side, band_width / (side - 1)
+    ijk, columns, *fine = grid.backend.kernels.refine(
+        grid.ijk, grid.columns, grid.neighbours, *fields
     )
-    return _grid(grid.backend, side, ijk, columns), fine
+    return _grid(grid.backend, side, ijk, columns), *fine
 
 
 def keep_closed(grid: Grid, before: Array, after: Array) -> Array:

@@ -7,6 +7,7 @@ same names; the first is the specification of the second. Nothing is imported be
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import os
 from dataclasses import dataclass
@@ -107,6 +108,8 @@ def _has_cuda(required: bool) -> bool:
 
 
 def _driver_present() -> bool:
-    from ctypes.util import find_library
-
-    return find_library("cuda") is not None
+    try:
+        ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")
+    except OSError:
+        return False
+    return True

@@ -172,7 +172,7 @@ HALF_INVERSE, LAPLACE, SCALE = np.float32(8), np.float32(2.5), np.float32(0.3)
 
 def _linearise(n: Nodes) -> tuple[Any, ...]:
     outputs = n.vector(3).T.copy(), n.vector()
-    return n.vector(), n.runs, HALF_INVERSE, LAPLACE, *outputs
+    return n.vector(), n.vector(), n.runs, HALF_INVERSE, LAPLACE, *outputs
 
 
 def _operate(n: Nodes) -> tuple[Any, ...]:
@@ -283,7 +283,7 @@ def _free_runs(n: Nodes) -> tuple[Any, ...]:
 
 
 def _refine(n: Nodes) -> tuple[Any, ...]:
-    return n.ijk, n.columns, n.neighbours, n.vector(), n.side, 0.2
+    return n.ijk, n.columns, n.neighbours, n.vector(), n.vector(), n.side, 0.2
 
 
 def _voxel_corners(n: Nodes) -> tuple[Any, ...]:

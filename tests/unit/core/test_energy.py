@@ -160,9 +160,30 @@ def test_matvec_and_diagonal_are_those_of_the_dense_gauss_newton_matrix(backend:
     assert np.count_nonzero(diagonal) == len(free)
 
 
+def test_a_target_is_taken_off_the_viscosity_residual(backend: Backend) -> None:
+    plain = make_energy(backend, ONLY["viscosity"])
+    values = noisy_distance(17)
+    target = plain.residual(backend.array(values))
+    energy = Energy(plain.grid, plain.samples, ONLY["viscosity"], target)
+    kept = backend.numpy(target).astype(np.float64)
+    near = np.unique(backend.numpy(plain.samples.corners))
+    free = near[(backend.numpy(plain.grid.flags)[near] & FREE) > 0]
+    np.testing.assert_array_equal(np.flatnonzero(kept), free)
+    whole = plain.linearise(backend.array(values)).total
+    taken_off = ONLY["viscosity"].viscosity / 17**3 * np.square(kept).sum()
+    assert 0.1 * whole < taken_off < 0.9 * whole
+    at = energy.linearise(backend.array(values))
+    assert at.total == pytest.approx(whole - taken_off, rel=1e-5)
+    gradient = backend.numpy(at.gradient)
+    step = np.float32(1e-4 / np.abs(gradient).max()) * gradient
+    up, down = (energy.linearise(backend.array(values + s)).total for s in (step, -step))
+    assert up - down == pytest.approx(4 * gradient @ step, rel=0.01)
+
+
 def test_matvec_is_symmetric_and_positive_on_a_band(backend: Backend) -> None:
     coarse = dense_grid(backend, 5)
-    grid, values = refine(coarse, backend.array(noisy_distance(5, noise=0.0)), 1.6)
+    begun = backend.array(noisy_distance(5, noise=0.0))
+    grid, values, _ = refine(coarse, begun, begun, 1.6)
     assert not grid.is_dense
     energy = Energy(grid, locate(grid, *scan_of_a_sphere()), WEIGHTS)
     matrix = operator(energy, energy.linearise(values))

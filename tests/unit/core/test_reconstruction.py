@@ -18,7 +18,7 @@ from runs import Record, assert_one_closed_body, config, off_sphere, voxel
 from visco_core.config import LevelSchedule, LossWeights, ReconstructionConfig
 from visco_core.errors import InputError
 from visco_core.frame import FILL, Normalisation
-from visco_core.gallery import Scanner, scan, sphere, torus, two_bodies, uniform_scan
+from visco_core.gallery import Scanner, bumpy_torus, scan, sphere, torus, two_bodies, uniform_scan
 from visco_core.io import read_mesh, read_points, write_mesh
 from visco_core.mesh_health import mesh_health
 from visco_core.metrics import nearest_distance, point_to_mesh_distance
@@ -47,6 +47,21 @@ def test_two_levels_meet_the_sphere_and_its_normals(record: Record) -> None:
     assert mesh.colors is None
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
     assert np.einsum("vi,vi->v", mesh.normals, mesh.vertices).min() > 0.98
+
+
+def test_what_smoothing_took_from_the_shape_the_next_level_gives_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shape = bumpy_torus()
+    cloud = uniform_scan(shape, 60_000, noise=0.001, normal_noise=9)
+    smooth = ReconstructionConfig(resolution=128, weights=LossWeights(viscosity=8e-4))
+
+    def error() -> float:
+        return float(np.abs(shape.sdf(reconstruct(cloud, smooth).mesh.vertices)).mean())
+
+    found = error()
+    monkeypatch.setattr("visco_core.presets.KEPT", 0.0)
+    assert found < 0.85 * error()
 
 
 @pytest.mark.parametrize(("make", "bodies", "genus"), [(torus, 1, 1), (two_bodies, 2, 0)])

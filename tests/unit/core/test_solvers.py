@@ -73,7 +73,7 @@ def on_band(backend: Backend, weights: Weights) -> tuple[Energy, Array]:
     """
     energy, values = problem(backend, replace(weights, coarea=0.0), 17)
     coarse = run(GaussNewton(2, 10), energy, values).state.values
-    grid, fine = refine(energy.grid, coarse, 4.0)
+    grid, fine, _ = refine(energy.grid, coarse, coarse, 4.0)
     return Energy(grid, locate(grid, *scan_in_cube()), weights), fine
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from visco_core.kernels.native import library
 
 
-def linearise(values, runs, half_inverse, laplace, slopes, rows):
-    stride = slopes.shape[1]
-    return library.linearise(values, runs, len(runs), half_inverse, laplace, slopes, stride, rows)
+def linearise(values, target, runs, half_inverse, laplace, slopes, rows):
+    out = slopes, slopes.shape[1], rows
+    return library.linearise(values, target, runs, len(runs), half_inverse, laplace, *out)
 
 
 def viscosity_columns(rows, slopes, runs, laplace, scale, out):

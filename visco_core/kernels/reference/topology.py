@@ -70,11 +70,17 @@ def free_runs(neighbours: Tensor, flags: Tensor, slabs: Tensor) -> tuple[Tensor,
 
 
 def refine(
-    ijk: Tensor, columns: Tensor, neighbours: Tensor, values: Tensor, side: int, limit: float
-) -> tuple[Tensor, Tensor, Tensor]:
-    """The nodes of the next level, 2·side − 1 an axis: their ijk, columns and values (N' + 1,).
+    ijk: Tensor,
+    columns: Tensor,
+    neighbours: Tensor,
+    values: Tensor,
+    target: Tensor,
+    side: int,
+    limit: float,
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """The nodes of the next level, 2·side − 1 an axis: ijk, columns, values and target (N' + 1,).
 
-    A node is kept when all its parents exist (1, 2, 4 or 8, whose mean is its value) and either
+    A node is kept when all its parents exist (1, 2, 4 or 8, whose means are its own) and either
     |value| < limit or all its parents are corners of voxels in which the sign changes: of these,
     however steep the values are, all children are there.
     """
@@ -96,11 +102,12 @@ def refine(
     mean = at_parents.mean(1)
     keep = (index < len(ijk)).all(1)
     keep &= (mean.abs() < limit) | crossed[index].all(1)
-    fine, mean = fine[keep], mean[keep]
+    fine, mean, rest = fine[keep], mean[keep], target[index[keep]].mean(1)
     column = fine[:, 0] * fine_side + fine[:, 1]
     count = torch.bincount(column, minlength=fine_side**2)
     starts = torch.cat([count.new_zeros(1), count.cumsum(0)])
-    return fine.to(torch.int16), starts, torch.cat([mean, mean.new_zeros(1)])
+    last = mean.new_zeros(1)
+    return fine.to(torch.int16), starts, torch.cat([mean, last]), torch.cat([rest, last])
 
 
 def voxel_corners(neighbours: Tensor, base: Tensor) -> Tensor:

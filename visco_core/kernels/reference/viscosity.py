@@ -25,22 +25,24 @@ def _around(runs: Tensor) -> tuple[Tensor, Tensor]:
 
 def linearise(
     values: Tensor,
+    target: Tensor,
     runs: Tensor,
     half_inverse: float,
     laplace: float,
     slopes: Tensor,
     rows: Tensor,
 ) -> float:
-    """Viscosity rows at ``values`` (N + 1,): fills slopes (3, N + 1) and rows (N + 1,) with r.
+    """Viscosity rows at ``values`` (N + 1,): fills slopes (3, N + 1) and rows (N + 1,) with r − r₀.
 
-    r = (‖∇̂f‖ − 1)·sign(f) − ε Δ̂f, with half_inverse = 1/2h and laplace = ε/h²; returns Σ r².
+    r = (‖∇̂f‖ − 1)·sign(f) − ε Δ̂f, with half_inverse = 1/2h and laplace = ε/h², and r₀ the
+    ``target`` (N + 1,); returns Σ (r − r₀)².
     """
     node, around = _around(runs)
     center, beside = values[node], values[around]
     gradient = (beside[:, 1::2] - beside[:, 0::2]) * half_inverse
     norm = gradient.norm(dim=1)
     sign = torch.sign(center)
-    residual = (norm - 1) * sign - laplace * (beside.sum(1) - 6 * center)
+    residual = (norm - 1) * sign - laplace * (beside.sum(1) - 6 * center) - target[node]
     slopes[:, node] = (sign * half_inverse / norm.clamp_min(1e-6)) * gradient.T
     rows[node] = residual
     return float(residual.double().square().sum())

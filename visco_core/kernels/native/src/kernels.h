@@ -11,8 +11,8 @@ extern "C" {
 
 int64_t visco_set_threads(int64_t threads);
 
-double visco_linearise(const float *values, const int64_t *runs, int64_t run_count, float half_inverse,
-                       float laplace, float *slopes, int64_t stride, float *rows);
+double visco_linearise(const float *values, const float *target, const int64_t *runs, int64_t run_count,
+                       float half_inverse, float laplace, float *slopes, int64_t stride, float *rows);
 void visco_viscosity_columns(const float *rows, const float *slopes, int64_t stride, const int64_t *runs,
                              int64_t run_count, float laplace, float scale, float *out);
 void visco_viscosity_diagonal(const float *slopes, int64_t stride, const int64_t *runs, int64_t run_count,
@@ -69,8 +69,8 @@ void visco_crossed(const float *values, const int32_t *neighbours, int64_t n, ui
 void visco_refine_counts(const int16_t *ijk, const int64_t *columns, const float *values,
                          const uint8_t *crossed, int64_t side, float limit, int64_t *fine_columns);
 void visco_refine(const int16_t *ijk, const int64_t *columns, const float *values, const uint8_t *crossed,
-                  int64_t side, float limit, const int64_t *fine_columns, int16_t *fine_ijk,
-                  float *fine_values);
+                  int64_t side, float limit, const float *target, const int64_t *fine_columns,
+                  int16_t *fine_ijk, float *fine_values, float *fine_target);
 void visco_voxel_corners(const int32_t *neighbours, int64_t n, const int32_t *base, int64_t count,
                          int32_t *out);
 

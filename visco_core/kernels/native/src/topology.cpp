@@ -6,10 +6,11 @@ using namespace visco;
 namespace {
 
 // Children in fine column (i, j) whose parents all exist, and that lie within the limit or whose
-// parents are all crossed: calls keep(k, value) for each.
+// parents are all crossed: calls keep(k, value, target) for each.
 template <class Keep>
-void refine_column(const int16_t *ijk, const int64_t *columns, const float *values, const uint8_t *crossed,
-                   int64_t side, int64_t i, int64_t j, float limit, const Keep &keep) {
+void refine_column(const int16_t *ijk, const int64_t *columns, const float *values, const float *target,
+                   const uint8_t *crossed, int64_t side, int64_t i, int64_t j, float limit,
+                   const Keep &keep) {
     int64_t parents[4], ends[4];
     int count = 0;
     for (int64_t a = i / 2; a <= (i + 1) / 2; a++)
@@ -19,11 +20,14 @@ void refine_column(const int16_t *ijk, const int64_t *columns, const float *valu
         }
     for (int64_t t = parents[0]; t < ends[0]; t++) {
         int16_t k = ijk[3 * t + 2];
-        float total = values[t];
+        float total = values[t], targets = target[t];
         bool near = crossed[t];
-        auto take = [&](int64_t node) { total += values[node], near &= crossed[node]; };
-        auto emit = [&](int16_t at, float mean) {
-            if (std::abs(mean) < limit || near) keep(at, mean);
+        auto take = [&](int64_t node) {
+            total += values[node], targets += target[node], near &= crossed[node];
+        };
+        auto emit = [&](int16_t at, float parents) {
+            float mean = total / parents;
+            if (std::abs(mean) < limit || near) keep(at, mean, targets / parents);
         };
         bool whole = true;
         for (int c = 1; c < count && whole; c++) {
@@ -32,7 +36,7 @@ void refine_column(const int16_t *ijk, const int64_t *columns, const float *valu
             if (whole) take(parents[c]);
         }
         if (!whole) continue;
-        emit(2 * k, total / float(count));
+        emit(2 * k, float(count));
         if (t + 1 == ends[0] || ijk[3 * (t + 1) + 2] != k + 1) continue;
         take(t + 1);
         for (int c = 1; c < count && whole; c++) {
@@ -40,7 +44,7 @@ void refine_column(const int16_t *ijk, const int64_t *columns, const float *valu
             whole = above < ends[c] && ijk[3 * above + 2] == k + 1;
             if (whole) take(above);
         }
-        if (whole) emit(2 * k + 1, total / float(2 * count));
+        if (whole) emit(2 * k + 1, float(2 * count));
     }
 }
 
@@ -145,7 +149,8 @@ void visco_refine_counts(const int16_t *ijk, const int64_t *columns, const float
     parallel(fine, [=](int64_t i) {
         for (int64_t j = 0; j < fine; j++) {
             int64_t found = 0;
-            refine_column(ijk, columns, values, crossed, side, i, j, limit, [&](int16_t, float) { found++; });
+            refine_column(ijk, columns, values, values, crossed, side, i, j, limit,
+                          [&](int16_t, float, float) { found++; });
             fine_columns[i * fine + j + 1] = found;
         }
     });
@@ -153,16 +158,17 @@ void visco_refine_counts(const int16_t *ijk, const int64_t *columns, const float
 }
 
 void visco_refine(const int16_t *ijk, const int64_t *columns, const float *values, const uint8_t *crossed,
-                  int64_t side, float limit, const int64_t *fine_columns, int16_t *fine_ijk,
-                  float *fine_values) {
+                  int64_t side, float limit, const float *target, const int64_t *fine_columns,
+                  int16_t *fine_ijk, float *fine_values, float *fine_target) {
     int64_t fine = 2 * side - 1;
     parallel(fine, [=](int64_t i) {
         for (int64_t j = 0; j < fine; j++) {
             int64_t node = fine_columns[i * fine + j];
-            refine_column(ijk, columns, values, crossed, side, i, j, limit, [&](int16_t k, float value) {
+            auto keep = [&](int16_t k, float value, float rest) {
                 fine_ijk[3 * node] = i, fine_ijk[3 * node + 1] = j, fine_ijk[3 * node + 2] = k;
-                fine_values[node++] = value;
-            });
+                fine_values[node] = value, fine_target[node++] = rest;
+            };
+            refine_column(ijk, columns, values, target, crossed, side, i, j, limit, keep);
         }
     });
 }

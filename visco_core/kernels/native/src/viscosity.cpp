@@ -60,9 +60,9 @@ void columns_of(const Run *run, const Run *end, const float *__restrict rows, Sl
 
 }  // namespace
 
-double visco_linearise(const float *__restrict values, const int64_t *runs, int64_t run_count,
-                       float half_inverse, float laplace, float *__restrict slopes, int64_t stride,
-                       float *__restrict rows) {
+double visco_linearise(const float *__restrict values, const float *__restrict target, const int64_t *runs,
+                       int64_t run_count, float half_inverse, float laplace, float *__restrict slopes,
+                       int64_t stride, float *__restrict rows) {
     float *sx = slopes, *sy = slopes + stride, *sz = slopes + 2 * stride;
     return sum_of_blocks(run_count, RUNS, [=](int64_t first, int64_t last) {
         double total = 0;
@@ -79,7 +79,7 @@ double visco_linearise(const float *__restrict values, const int64_t *runs, int6
                 float k = sign * half_inverse / std::max(norm, 1e-6f);
                 sx[t] = k * gx, sy[t] = k * gy, sz[t] = k * gz;
                 float around = x0[t] + x1[t] + y0[t] + y1[t] + values[t - 1] + values[t + 1] - 6 * v;
-                float row = (norm - 1) * sign - laplace * around;
+                float row = (norm - 1) * sign - laplace * around - target[t];
                 rows[t] = row;
                 square += row * row;
             }
