@@ -11,16 +11,22 @@ from visco_core.box_sum import box_sum
 from visco_core.neighbours import Neighbours
 from visco_core.progress import Check, never
 
-_STRAY_SHARE = 0.01
-_STRAY_DISTANCE = 10.0
-_LEAST_POINTS_FOR_STRAYS = 20
-_LEAST_BODY = 10
-_BODY_SHARE = 1e-4
+_STRAY_SHARE, _STRAY_DISTANCE, _LEAST_POINTS_FOR_STRAYS = 0.01, 10.0, 20
+_LEAST_BODY, _BODY_SHARE = 10, 1e-4
+"""What ``find_strays`` says of far points, in its words."""
 
 _LONELY, _FEWEST_LONELY, _MOSTLY_OFF = 0.15, 5, 0.9
-_NEIGHBOURS = 12
-_FAR, _OFF_SURFACE = 1.5, 0.3
-_APART, _TOGETHER = 16.0, 36
+"""Share of the usual number of points around that makes a place lonely, how many such places are
+needed, and how many of them must be off the surface, for a scan to be looked through at all."""
+
+_NEIGHBOURS, _FAR, _OFF_SURFACE = 12, 1.5, 0.3
+"""Neighbours that say where the surface is, over the usual how far the last must be, and the sine
+of the angle off its plane."""
+
+_TOGETHER, _APART = 36, 16.0
+"""Points among which one that is so many times closer to its own neighbours is on a surface, which
+a group of fewer outliers is not."""
+
 _ROUNDS = 10
 
 
@@ -92,7 +98,7 @@ def find_scattered(
         reach[changed], judged[changed] = look.reach(points[changed]), False
         far = np.flatnonzero((reach[kept] > _FAR * np.median(reach[kept])) & ~judged[kept])
         judged[kept[far]] = True
-        gone = kept[far[look.apart(far, reach[kept]) | look.off_surface(far)]]
+        gone = kept[far[look.off_surface(far, reach[kept])]]
         gone = np.setdiff1d(gone, bodies)
         if not len(gone):
             break
@@ -131,23 +137,21 @@ class _Look:
         """How far the last of 12 neighbours is from ``places`` (Q, 3), which are points."""
         return self.look_up.nearest(places, _NEIGHBOURS + 1)[0][:, -1]
 
-    def off_surface(self, chosen: np.ndarray) -> np.ndarray:
+    def off_surface(self, chosen: np.ndarray, reach: np.ndarray | None = None) -> np.ndarray:
         """Whether half of the neighbours of the points ``chosen`` (Q,) lie off their plane, or they
-        off theirs."""
-        distance, near = (
-            found[:, 1:] for found in self.look_up.nearest(self.points[chosen], _NEIGHBOURS + 1)
-        )
+        off theirs, or one of 36 has a far smaller ``reach`` (P,), where that is given."""
+        count = _NEIGHBOURS + 1 if reach is None else min(_TOGETHER, len(self.points))
+        away, around = self.look_up.nearest(self.points[chosen], count)
+        distance, near = away[:, 1 : _NEIGHBOURS + 1], around[:, 1 : _NEIGHBOURS + 1]
         offset = self.points[near] - self.points[chosen, None]
         both = self.planes(np.column_stack([near, chosen]))
         sines = [
             np.abs((offset * plane).sum(2)) / distance for plane in (both[:, :-1], both[:, -1:])
         ]
-        return np.max([np.median(sine, axis=1) for sine in sines], axis=0) > _OFF_SURFACE
-
-    def apart(self, chosen: np.ndarray, reach: np.ndarray) -> np.ndarray:
-        """Whether one of 36 points has a far smaller ``reach`` (P,) than the ``chosen`` (Q,)."""
-        near = self.look_up.nearest(self.points[chosen], min(_TOGETHER, len(self.points)))[1]
-        return reach[near].min(1) < reach[chosen] / _APART
+        off = np.max([np.median(sine, axis=1) for sine in sines], axis=0) > _OFF_SURFACE
+        if reach is not None:
+            off |= reach[around].min(1) < reach[chosen] / _APART
+        return off
 
 
 def _planes(

@@ -212,6 +212,14 @@ def test_what_hides_among_other_scattered_points_is_found_when_they_are_gone() -
     assert len(missed) < 0.02 * off.sum()
 
 
+def test_points_are_judged_once_more_when_the_usual_distance_has_fallen() -> None:
+    """Of as many outliers as surface points; looking only at those that lost neighbours, 37."""
+    bracket = SHAPES["bracket"]()
+    cloud = add_outliers(uniform_scan(bracket, 20_000), 1.0)
+    left = clean_points(PointCloud(cloud.points))[0].points
+    assert (np.abs(bracket.sdf(left)) > 0.03 * bracket.diagonal).sum() < 30
+
+
 @pytest.mark.parametrize("shape", ["octopus", "bracket"])
 def test_no_group_of_points_far_from_the_surface_is_left(shape: str) -> None:
     body = SHAPES[shape]()
