@@ -78,7 +78,7 @@ class Energy:
         grid, weights, kernels = self.grid, self.weights, self._kernels
         slopes = grid.backend.zeros(3, len(grid) + 1)
         gradient = grid.backend.zeros(len(grid) + 1)
-        square = self._fill_rows(values, self._target, slopes, self._rows)
+        square = self._fill_rows(values, slopes)
         kernels.viscosity_columns(
             self._rows, slopes, grid.runs, self._laplace, self._scale, gradient
         )
@@ -89,17 +89,9 @@ class Energy:
             losses["coarea"] = self._add_coarea(values, gradient, grid.flags, np.float32(1))
         return Linearisation(values, losses, gradient, slopes)
 
-    def residual(self, values: Array) -> Array:
-        """r (N + 1,) of ``values`` (N + 1,) at the corners of voxels with points, else zero."""
-        nodes, backend = len(self.grid) + 1, self.grid.backend
-        rows = backend.zeros(nodes)
-        self._fill_rows(values, backend.zeros(nodes), backend.zeros(3, nodes), rows)
-        ones = backend.array(np.ones(self.samples.corners.shape, np.float32))
-        return rows * (self.scattered(ones) > 0)
-
-    def _fill_rows(self, values: Array, target: Array, slopes: Array, rows: Array) -> float:
-        scales = self._half_inverse, self._laplace
-        return self._kernels.linearise(values, target, self.grid.runs, *scales, slopes, rows)
+    def _fill_rows(self, values: Array, slopes: Array) -> float:
+        given = values, self._target, self.grid.runs, self._half_inverse, self._laplace
+        return self._kernels.linearise(*given, slopes, self._rows)
 
     def sampled_gradient(self, values: Array, fraction: float, seed: int) -> Array:
         """An unbiased estimate (N + 1,) of the energy's gradient from a share of the voxels.
@@ -113,7 +105,7 @@ class Energy:
         flags = grid.flags - (grid.flags & ROW) * (1 - kept)
         gradient = backend.zeros(len(grid) + 1)
         slopes = backend.zeros(3, len(grid) + 1)
-        self._fill_rows(values, self._target, slopes, self._rows)
+        self._fill_rows(values, slopes)
         self._rows *= kept
         kernels.viscosity_columns(
             self._rows, slopes, grid.runs, self._laplace, self._scale * share, gradient
@@ -215,3 +207,15 @@ class Energy:
         other._scale = np.float32(weight / self.grid.side**3)
         other._laplace = np.float32(epsilon * self.grid.resolution**2)
         return other
+
+
+def viscosity_residual(grid: Grid, samples: Samples, values: Array, epsilon: float) -> Array:
+    """r (N + 1,) of ``values`` (N + 1,) at the corners of voxels with points, zero elsewhere."""
+    backend, nodes = grid.backend, len(grid) + 1
+    rows, touched = backend.zeros(nodes), backend.zeros(nodes)
+    scales = np.float32(0.5 * grid.resolution), np.float32(epsilon * grid.resolution**2)
+    none, slopes = backend.zeros(nodes), backend.zeros(3, nodes)
+    backend.kernels.linearise(values, none, grid.runs, *scales, slopes, rows)
+    ones = backend.array(np.ones(samples.corners.shape, np.float32))
+    backend.kernels.scatter(ones, samples.corners, samples.slabs, grid.flags, touched)
+    return rows * (touched > 0)

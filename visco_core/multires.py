@@ -18,7 +18,7 @@ import numpy as np
 
 from visco_core.clock import Clock
 from visco_core.continuation import FARTHEST, continuation, freedom_of, towards
-from visco_core.energy import Energy
+from visco_core.energy import Energy, viscosity_residual
 from visco_core.errors import ResourceError
 from visco_core.grid.samples import Samples, locate
 from visco_core.grid.topology import Grid, dense_grid, keep_closed, refine
@@ -74,14 +74,10 @@ class Problem:
 
 @dataclass(frozen=True)
 class SolvedLevel:
-    """A level and what it was solved with; the finer ones go on with the same settings.
-
-    residual (N + 1,): ``Energy.residual`` of the values.
-    """
+    """A level and what it was solved with; the finer ones go on with the same settings."""
 
     grid: Grid
     values: Array
-    residual: Array
     samples: Samples
     losses: dict[str, float]
     settings: Settings
@@ -237,9 +233,10 @@ def _begin(
 ) -> tuple[Grid, Array, Array]:
     """The grid, the values (N + 1,) to begin with, and the target (N + 1,) of the residual."""
     if coarser is not None:
-        target = np.float32(problem.settings.kept) * coarser.residual
-        width = problem.settings.schedule.band_width
-        return refine(coarser.grid, coarser.values, target, width)
+        settings, solved = problem.settings, (coarser.grid, coarser.samples, coarser.values)
+        residual = viscosity_residual(*solved, settings.weights[-1].viscosity_epsilon)
+        target = np.float32(settings.kept) * residual
+        return refine(coarser.grid, coarser.values, target, settings.schedule.band_width)
     values = starting_values(backend, problem.points, problem.start_normals, resolution, check)
     return dense_grid(backend, resolution + 1), backend.array(values), backend.zeros(len(values))
 
@@ -272,9 +269,7 @@ def _solve_level(
             viscosity, state = choose_viscosity(energy, begun, state, solver, clock, seed)
             values, settings = state.values, settings.with_viscosity(viscosity)
         entry.update(steps=reporter.steps, iterations=reporter.work, **state.losses)
-        values = keep_closed(grid, begun, values)
-        residual = energy.residual(values)
-    return SolvedLevel(grid, values, residual, samples, state.losses, settings)
+    return SolvedLevel(grid, keep_closed(grid, begun, values), samples, state.losses, settings)
 
 
 def _solve_stages(
