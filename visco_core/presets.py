@@ -103,9 +103,9 @@ put together from views, whose errors neighbours share, and a mean over neighbou
 LEAST_VISCOSITY, GREATEST_VISCOSITY = 1e-6, 0.1
 """λv below which stray pieces appear, and beyond which the levels' iterations do not suffice."""
 
-THIN_WALL = 5.0
+THIN_WALL, NEARER = 5.0, 0.6
 """λv^¼ over the radius, in units of the cube, at which other walls come near: with more they run
-together."""
+together. The noise brings them nearer than they are, by so many of its deviations."""
 
 VOXEL_ERROR = 0.1
 """What trilinear voxels add to the noise of the points, as a share of a voxel."""
@@ -200,7 +200,8 @@ def _best_viscosity(noise: Noise, resolution: int) -> float:
     """λv with the least expected error that keeps walls apart; of a scan too small to tell, any."""
     if not noise.spacing:
         return FAST_WEIGHTS.viscosity
-    greatest = min((noise.wall * THIN_WALL) ** 4, GREATEST_VISCOSITY)
+    wall = noise.wall + NEARER * noise.position
+    greatest = min((THIN_WALL * wall) ** 4, GREATEST_VISCOSITY)
     tried = np.geomspace(LEAST_VISCOSITY, max(greatest, LEAST_VISCOSITY), 200)
     return float(tried[expected_error(noise, resolution, tried).argmin()])
 

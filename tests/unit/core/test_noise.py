@@ -12,6 +12,7 @@ from visco_core.presets import (
     BEND_POWER,
     GREATEST_VISCOSITY,
     LEAST_VISCOSITY,
+    NEARER,
     SHARED_IN_HOLES,
     SHARED_NOISE,
     SHARED_NORMAL_ERROR,
@@ -191,7 +192,8 @@ def test_smoothing_grows_with_noise_and_falls_with_bending_and_with_more_points(
 def test_smoothing_keeps_close_walls_apart_and_stays_within_its_bounds() -> None:
     smooth = Noise(0.01, 0.3, 0.0, np.inf, 0.01)
     assert _viscosity(smooth) == pytest.approx(GREATEST_VISCOSITY)
-    assert _viscosity(replace(smooth, wall=0.03)) == pytest.approx((0.03 * THIN_WALL) ** 4)
+    walls = replace(smooth, wall=0.03)
+    assert _viscosity(walls) == pytest.approx((THIN_WALL * (0.03 + 0.01 * NEARER)) ** 4)
     assert _viscosity(Noise(0.0, 0.3, 0.1, np.inf, 1e-4)) == pytest.approx(LEAST_VISCOSITY)
 
 
