@@ -36,7 +36,7 @@ SEEN = 0.2
 """What the bending must add to the square of the halves' difference, as a share of what the noise
 does, whose deviation is known to 5 %."""
 
-LEAST_POWER, USUAL_POWER, GREATEST_POWER = 2.0, 3.0, 4.0
+LEAST_POWER, USUAL_POWER, GREATEST_POWER = 1.75, 3.0, 4.0
 """Powers of the radius that a quadric's error is taken to grow with below the radii that show it. A
 crease's grows with 1.5, but what few points show at large radii are whole parts of the shape."""
 
