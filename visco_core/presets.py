@@ -97,8 +97,8 @@ ROUGHNESS = 0.005
 """What trilinear voxels make of exact points, as noise, in voxels."""
 
 SHARED_NOISE = 0.37
-"""How much noise counts where normals were computed from the points: such scans have mostly been
-put together from views, whose errors neighbours share, and a mean over neighbours keeps."""
+"""How much noise counts that neighbours share, since a mean over them keeps it. A scan whose own
+normals are planes through points has mostly been put together from views, which do not agree."""
 
 LEAST_VISCOSITY, GREATEST_VISCOSITY = 1e-6, 0.1
 """λv below which stray pieces appear, and beyond which the levels' iterations do not suffice."""
@@ -139,7 +139,7 @@ FAST_OUTER_STEPS, FAST_INNER_STEPS, FAST_BAND_WIDTH = (4, 2), (30, 30), 4.0
 
 
 def weights_for_noise(
-    noise: Noise, resolutions: list[int], *, derived: bool = False
+    noise: Noise, resolutions: list[int], *, derived: bool = False, shared: bool = False
 ) -> tuple[Weights, ...]:
     """The weights of the profile ``fast`` on each level for a scan's noise in units of the cube.
 
@@ -150,11 +150,11 @@ def weights_for_noise(
     λv is that with the least error, expected from two sides (``expected_error``).
 
     ``derived`` normals were computed from the points. They repeat what these say, errors included,
-    so they count on the coarsest level alone.
+    so they count on the coarsest level alone. ``shared``: neighbours share their noise.
     """
     base = FAST_WEIGHTS
     variance = noise.position**2
-    counted = replace(noise, position=SHARED_NOISE * noise.position) if derived else noise
+    counted = replace(noise, position=SHARED_NOISE * noise.position) if shared else noise
 
     def on_level(level: int, resolution: int) -> Weights:
         voxel = (VOXEL_ERROR / resolution) ** 2

@@ -69,8 +69,9 @@ def reconstruct(
     points = points[order]
     clock.check()
     normals = None if cloud.normals is None else cloud.normals[order]
-    derived = normals is None or are_planes(points, normals, backend.threads, clock.check)
-    if normals is None or derived:
+    planes = normals is not None and are_planes(points, normals, backend.threads, clock.check)
+    derived = normals is None or planes
+    if normals is None or planes:
         with clock.phase("normals"):
             normals = _best_normals(points, normals, backend.threads, clock.check)
     settings = decide(config)
@@ -85,7 +86,7 @@ def reconstruct(
                 normal_radians=noise.normal,
             )
         resolutions = plan_resolutions(config.resolution)
-        weights = weights_for_noise(noise, resolutions, derived=derived)
+        weights = weights_for_noise(noise, resolutions, derived=derived, shared=planes)
         settings = decide(config, weights, sparse=is_sparse(noise, resolutions))
     fitted = None if config.normals == "ignore" else normals
     problem = Problem(points, normals, fitted, settings)

@@ -31,6 +31,7 @@ from visco_core.noise import estimate_noise
 from visco_core.normals import estimate_normals
 from visco_core.pointcloud import PointCloud
 from visco_core.presets import SMOOTHED, Weights, weights_for_noise
+from visco_core.rims import are_planes
 from visco_core.solvers.gauss_newton import GaussNewton, GaussNewtonState
 from visco_core.solvers.loop import Pace
 
@@ -109,7 +110,8 @@ class Level:
         else:
             self.normals = cloud.normals[order]
         noise = estimate_noise(self.points, self.normals, SMOOTHED)
-        self.weights: Weights = weights_for_noise(noise, [64])[0]
+        planes = are_planes(self.points, self.normals)
+        self.weights: Weights = weights_for_noise(noise, [64], shared=planes)[0]
 
     def energy(self, voxels: int = 64) -> Energy:
         grid = dense_grid(self.backend, voxels + 1)

@@ -223,7 +223,7 @@ def test_noise_that_neighbours_share_is_smoothed_less() -> None:
     noise, resolutions = Noise(0.001, 0.2, 0.002, np.inf, 0.003), [64, 128, 256]
     less = replace(noise, position=SHARED_NOISE * noise.position)
     for made, own, counted in zip(
-        weights_for_noise(noise, resolutions, derived=True),
+        weights_for_noise(noise, resolutions, shared=True),
         weights_for_noise(noise, resolutions),
         weights_for_noise(less, resolutions),
         strict=True,

@@ -22,6 +22,7 @@ from visco_core.gallery import Scanner, bumpy_torus, scan, sphere, torus, two_bo
 from visco_core.io import read_mesh, read_points, write_mesh
 from visco_core.mesh_health import mesh_health
 from visco_core.metrics import nearest_distance, point_to_mesh_distance
+from visco_core.normals import estimate_normals
 from visco_core.pointcloud import PointCloud
 from visco_core.reconstruction import reconstruct
 from visco_core.result import Mesh
@@ -62,6 +63,16 @@ def test_what_smoothing_took_from_the_shape_the_next_level_gives_back(
     found = error()
     monkeypatch.setattr("visco_core.presets.KEPT", 0.0)
     assert found < 0.85 * error()
+
+
+def test_noise_counts_less_where_a_scans_own_normals_are_planes() -> None:
+    points = uniform_scan(bumpy_torus(), 20_000, noise=0.002).points
+    planes = estimate_normals(points).astype(np.float32)
+
+    def viscosity(cloud: PointCloud) -> float:
+        return reconstruct(cloud, config(64)).report["settings"]["weights"][0]["viscosity"]
+
+    assert viscosity(PointCloud(points, planes)) < 0.6 * viscosity(PointCloud(points))
 
 
 @pytest.mark.parametrize(("make", "bodies", "genus"), [(torus, 1, 1), (two_bodies, 2, 0)])
