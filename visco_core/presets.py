@@ -159,8 +159,8 @@ def weights_for_noise(
     def on_level(level: int, resolution: int) -> Weights:
         voxel = (VOXEL_ERROR / resolution) ** 2
         for_normals = max(VOXEL_ERROR_OF_NORMALS * voxel, min(voxel, variance)) if level else voxel
-        shared = SHARED_NORMAL_ERROR if level else SHARED_IN_HOLES
-        normal = base.point * (variance + for_normals) / (noise.normal**2 + shared**2)
+        common = SHARED_NORMAL_ERROR if level else SHARED_IN_HOLES
+        normal = base.point * (variance + for_normals) / (noise.normal**2 + common**2)
         if derived and level:
             normal = 0.0
         viscosity = _best_viscosity(counted, resolution)

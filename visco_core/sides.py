@@ -129,12 +129,9 @@ class _Probes:
         check()
         area = disc_areas(points, normals, chosen, near) * len(among) / len(chosen)
         pull = normals[chosen] * area[:, None] / (4 * np.pi)
-        sources, places = points[chosen], points[chosen[:PLACES]]
-        # ‖s − q‖² and (s − q)·pull, multiplied out: several times as fast, and softened anyway.
-        squared = np.square(sources).sum(1) + np.square(places).sum(1)[:, None]
-        distance = squared - 2 * places @ sources.T + SOFTENING**2 * np.median(area)
-        winding = (sources * pull).sum(1) - places @ pull.T
-        winding /= distance * np.sqrt(distance)
+        apart = points[chosen] - points[chosen[:PLACES], None]
+        distance = np.einsum("qsi,qsi->qs", apart, apart) + SOFTENING**2 * np.median(area)
+        winding = np.einsum("qsi,si->qs", apart, pull) / (distance * np.sqrt(distance))
         return cls(points[near], normals[near], near, agreement, area, winding)
 
     def look(self, sides: np.ndarray, allowed: float = CONTRADICTION) -> _Look:
