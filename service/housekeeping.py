@@ -32,23 +32,23 @@ class Housekeeper:
             (self.sender.send_due, _WEBHOOK_SECONDS),
         ]
         self._tasks: list[asyncio.Task[None]] = []
+        self._closing = asyncio.Event()
 
     def start(self) -> None:
-        self._tasks = [asyncio.create_task(_repeat(*chore)) for chore in self._chores]
+        self._tasks = [asyncio.create_task(self._repeat(*chore)) for chore in self._chores]
 
     async def close(self) -> None:
-        for task in self._tasks:
-            task.cancel()
-        for task in self._tasks:
-            with contextlib.suppress(asyncio.CancelledError):
-                await task
+        """Wait for the chores under way: a task can be cancelled, what its thread does cannot."""
+        self._closing.set()
+        self.sender.stop()
+        await asyncio.gather(*self._tasks)
         self.sender.close()
 
-
-async def _repeat(chore: Callable[[], object], seconds: float) -> None:
-    while True:
-        try:
-            await run_in_threadpool(chore)
-        except Exception:
-            log.exception("A chore failed; it is tried again in %s s", seconds)
-        await asyncio.sleep(seconds)
+    async def _repeat(self, chore: Callable[[], object], seconds: float) -> None:
+        while not self._closing.is_set():
+            try:
+                await run_in_threadpool(chore)
+            except Exception:
+                log.exception("A chore failed; it is tried again in %s s", seconds)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._closing.wait(), seconds)

@@ -29,9 +29,14 @@ class WebhookSender:
     def __init__(self, database: Database, settings: Settings) -> None:
         self.database = database
         self.settings = settings
+        self._stopping = False
         self._client = httpx.Client(
             timeout=_TIMEOUT_SECONDS, follow_redirects=False, trust_env=False
         )
+
+    def stop(self) -> None:
+        """Begin no further delivery; the one under way goes on."""
+        self._stopping = True
 
     def close(self) -> None:
         self._client.close()
@@ -39,7 +44,7 @@ class WebhookSender:
     def send_due(self) -> int:
         """Make one try for each delivery that is due; returns their number."""
         tried = 0
-        while (delivery := self._claim()) is not None:
+        while not self._stopping and (delivery := self._claim()) is not None:
             error = self._call(delivery)
             self._settle(delivery.id, error)
             tried += 1

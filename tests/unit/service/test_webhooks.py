@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Iterator
 from datetime import timedelta
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -27,11 +28,12 @@ from service.webhooks.target import TargetRefused, check_callback, resolve
 
 
 class Receiver(ThreadingHTTPServer):
-    """Takes webhooks and remembers them; answers with ``status``."""
+    """Takes webhooks and remembers them; answers with ``status`` after some ``seconds``."""
 
     def __init__(self) -> None:
         self.status = 204
         self.location = ""
+        self.seconds = 0.0
         self.seen: list[tuple[dict[str, str], bytes]] = []
         super().__init__(("127.0.0.1", 0), _Handler)
 
@@ -46,6 +48,7 @@ class _Handler(BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         body = self.rfile.read(int(self.headers["content-length"]))
         self.server.seen.append(({k.lower(): v for k, v in self.headers.items()}, body))
+        time.sleep(self.server.seconds)
         self.send_response(self.server.status)
         if self.server.location:
             self.send_header("Location", self.server.location)
@@ -113,6 +116,23 @@ def test_the_end_of_a_job_is_delivered_once_and_signed(
     assert payload["type"] == "job.cancelled"
     assert headers["host"] == f"localhost:{receiver.server_port}"
     assert only_delivery(database).delivered_at is not None
+
+
+def test_a_service_that_stops_ends_the_delivery_under_way_and_begins_no_other(
+    database: Database, settings: Settings, receiver: Receiver
+) -> None:
+    receiver.seconds = 0.5
+    for _ in range(2):
+        finish_job(database, receiver.url)
+    with running_api(settings):
+        while not receiver.seen:
+            time.sleep(0.01)
+    with database.read() as session:
+        deliveries = session.query(Delivery).all()
+    assert sorted((d.tries, d.delivered_at is not None) for d in deliveries) == [
+        (0, False),
+        (1, True),
+    ]
 
 
 def test_a_failed_delivery_is_tried_again_under_the_same_id(
