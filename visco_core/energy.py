@@ -15,6 +15,7 @@ found so far, instead of making it smaller once more.
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +24,9 @@ from visco_core.grid.samples import Samples
 from visco_core.grid.topology import Grid
 from visco_core.kernels import ROW, Array
 from visco_core.presets import Weights
+
+HEAT_STEP = 1 / 8
+"""Of heat on the grid; beyond 1/6 it is not stable."""
 
 
 @dataclass(frozen=True)
@@ -209,13 +213,31 @@ class Energy:
         return other
 
 
-def viscosity_residual(grid: Grid, samples: Samples, values: Array, epsilon: float) -> Array:
-    """r (N + 1,) of ``values`` (N + 1,) at the corners of voxels with points, zero elsewhere."""
-    backend, nodes = grid.backend, len(grid) + 1
+def viscosity_residual(
+    grid: Grid, samples: Samples, values: Array, epsilon: float, radius: float = 0.0
+) -> Array:
+    """r (N + 1,) of ``values`` (N + 1,) at the corners of voxels with points, zero elsewhere.
+
+    There it is the mean, under a Gaussian of deviation ``radius`` voxels, over all such corners.
+    """
+    backend, kernels, nodes = grid.backend, grid.backend.kernels, len(grid) + 1
     rows, touched = backend.zeros(nodes), backend.zeros(nodes)
     scales = np.float32(0.5 * grid.resolution), np.float32(epsilon * grid.resolution**2)
     none, slopes = backend.zeros(nodes), backend.zeros(3, nodes)
-    backend.kernels.linearise(values, none, grid.runs, *scales, slopes, rows)
+    kernels.linearise(values, none, grid.runs, *scales, slopes, rows)
     ones = backend.array(np.ones(samples.corners.shape, np.float32))
-    backend.kernels.scatter(ones, samples.corners, samples.slabs, grid.flags, touched)
-    return rows * (touched > 0)
+    kernels.scatter(ones, samples.corners, samples.slabs, grid.flags, touched)
+    touched = backend.zeros(nodes) + (touched > 0)
+    sums = [rows * touched, touched + 0]
+    steps = math.ceil(radius**2 / (2 * HEAT_STEP))
+    if not steps:
+        return sums[0]
+    slopes *= 0
+    for each in sums:
+        for _ in range(steps):
+            # Jᵀ without slopes is the Laplacian: heat that spreads, of which each step adds twice
+            # its length to the variance.
+            length = np.float32(radius**2 / (2 * steps))
+            kernels.viscosity_columns(each, slopes, grid.runs, np.float32(-1), length, none)
+            each += none
+    return touched * sums[0] / (sums[1] + (1 - touched))

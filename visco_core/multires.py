@@ -25,7 +25,7 @@ from visco_core.grid.topology import Grid, dense_grid, keep_closed, refine
 from visco_core.initial import starting_values
 from visco_core.kernels import Array, Backend
 from visco_core.leave_one_out import choose_viscosity
-from visco_core.presets import Settings, Weights
+from visco_core.presets import KEPT_OVER, Settings, Weights
 from visco_core.progress import Check
 from visco_core.result import Outcome
 from visco_core.solvers.adam import Adam
@@ -229,14 +229,18 @@ def _begin(
     problem: Problem,
     resolution: int,
     coarser: SolvedLevel | None,
+    weights: Weights,
     check: Check,
 ) -> tuple[Grid, Array, Array]:
     """The grid, the values (N + 1,) to begin with, and the target (N + 1,) of the residual."""
     if coarser is not None:
-        settings, solved = problem.settings, (coarser.grid, coarser.samples, coarser.values)
-        residual = viscosity_residual(*solved, settings.weights[-1].viscosity_epsilon)
-        target = np.float32(settings.kept) * residual
-        return refine(coarser.grid, coarser.values, target, settings.schedule.band_width)
+        grid, values, settings = coarser.grid, coarser.values, problem.settings
+        target = backend.zeros(len(values))
+        if settings.keeps:
+            radius = KEPT_OVER * weights.viscosity**0.25 * grid.resolution
+            epsilon = weights.viscosity_epsilon
+            target = viscosity_residual(grid, coarser.samples, values, epsilon, radius)
+        return refine(grid, values, target, settings.schedule.band_width)
     values = starting_values(backend, problem.points, problem.start_normals, resolution, check)
     return dense_grid(backend, resolution + 1), backend.array(values), backend.zeros(len(values))
 
@@ -250,14 +254,15 @@ def _solve_level(
 ) -> SolvedLevel:
     clock, resolution = plan.clock, plan.resolutions[level]
     with clock.phase("refine" if coarser else "start", resolution=resolution) as entry:
-        grid, begun, target = _begin(backend, problem, resolution, coarser, clock.check)
+        weights = problem.weights(level)
+        grid, begun, target = _begin(backend, problem, resolution, coarser, weights, clock.check)
         entry["nodes"] = plan.nodes[level] = len(grid)
     plan.start(level)
     with clock.phase("solve", resolution=resolution, nodes=len(grid)) as entry:
         started = time.monotonic()
         samples = locate(grid, problem.points, problem.fitted_normals, clock.check)
         clock.check()
-        energy = Energy(grid, samples, problem.weights(level), target)
+        energy = Energy(grid, samples, weights, target)
         clock.check()
         plan.located(time.monotonic() - started)
         reporter, stages = _Reporter(plan, level), plan.stages(level)

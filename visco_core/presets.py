@@ -43,14 +43,14 @@ class Settings:
     """A config with nothing left open; ``weights`` of each level, coarsest first.
 
     ``leave_one_out``: whether the second level looks for a better λv; see the module of that name.
-    ``kept``: the share of the viscosity residual on a level that the next one keeps.
+    ``keeps``: whether a level keeps the viscosity residual of the coarser one near points.
     """
 
     config: ReconstructionConfig
     weights: tuple[Weights, ...]
     schedule: Schedule
     leave_one_out: bool = False
-    kept: float = 0.0
+    keeps: bool = False
 
     def with_viscosity(self, viscosity: float) -> Settings:
         """The same with λv ``viscosity`` on all levels but the coarsest."""
@@ -125,9 +125,9 @@ SHARED_NORMAL_ERROR, SHARED_IN_HOLES = 0.07, 0.135
 what a scanner's normals are smoothed by. On the coarsest level normals lead the surface far from
 where they were measured, and less is to be made of them."""
 
-KEPT = 0.65
-"""Share of a level's viscosity residual, where there are points, that the next level keeps: what
-smoothing took from the shape there. All of it brings back some more of the noise."""
+KEPT_OVER = 0.05
+"""Radius, in units of the cube and times λv^¼, over which the viscosity residual that a level keeps
+of the coarser one is a mean: what smoothing took from the shape, without the noise."""
 
 PAPER_EPOCHS = {30: (5, 5, 3), 21: (2, 2, 2), 15: (2, 2, 2), 8: (2, 2, 1)}
 """Minutes of the paper's budget table → epochs on each level."""
@@ -243,8 +243,8 @@ def decide(
     )
     merged = tuple(_merged(each, config.weights) for each in weights)
     search = sparse and config.weights.viscosity is None
-    kept = 0.0 if sparse or config.profile == "paper" else KEPT
-    return Settings(config, merged, schedule, search, kept)
+    keeps = not sparse and config.profile == "fast"
+    return Settings(config, merged, schedule, search, keeps)
 
 
 def _merged(defaults: Weights, asked: LossWeights) -> Weights:

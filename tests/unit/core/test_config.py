@@ -137,7 +137,7 @@ def test_fixed_fields_are_no_options() -> None:
 def test_the_paper_profile_has_the_paper_s_settings() -> None:
     decided = decide(ReconstructionConfig(profile="paper"))
     assert decided.weights == (PAPER_WEIGHTS,)
-    assert decided.kept == 0
+    assert not decided.keeps
     (weights,) = decided.weights
     assert (weights.point, weights.normal, weights.viscosity) == (0.1, 1e-5, 1e-4)
     assert (weights.coarea, weights.viscosity_epsilon) == (1e-6, 1e-2)

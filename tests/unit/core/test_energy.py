@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
 from visco_core.energy import Energy, Linearisation, viscosity_residual
@@ -179,6 +180,24 @@ def test_a_target_is_taken_off_the_viscosity_residual(backend: Backend) -> None:
     step = np.float32(1e-4 / np.abs(gradient).max()) * gradient
     up, down = (energy.linearise(backend.array(values + s)).total for s in (step, -step))
     assert up - down == pytest.approx(4 * gradient @ step, rel=0.01)
+
+
+def test_a_residual_is_a_mean_over_the_corners_of_voxels_with_points(backend: Backend) -> None:
+    side, radius = 33, 1.5
+    energy = make_energy(backend, ONLY["viscosity"], side)
+    given = energy.grid, energy.samples, backend.array(noisy_distance(side)), 0.02
+    plain, mean = (
+        backend.numpy(viscosity_residual(*given, over))[:-1].reshape((side,) * 3)
+        for over in (0.0, radius)
+    )
+    near = plain != 0
+    sum_, weight = (
+        gaussian_filter(a.astype(float), radius, mode="constant")[near] for a in (plain, near)
+    )
+    expected = sum_ / weight
+    assert 0 < expected.std() < 0.5 * plain[near].std()
+    assert np.square(mean[near] - expected).mean() < 0.1**2 * np.square(expected).mean()
+    assert not mean[~near].any()
 
 
 def test_matvec_is_symmetric_and_positive_on_a_band(backend: Backend) -> None:

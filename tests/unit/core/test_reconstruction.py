@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from visco_core.mesh_health import mesh_health
 from visco_core.metrics import nearest_distance, point_to_mesh_distance
 from visco_core.normals import estimate_normals
 from visco_core.pointcloud import PointCloud
+from visco_core.presets import Settings, decide
 from visco_core.reconstruction import reconstruct
 from visco_core.result import Mesh
 
@@ -50,19 +51,34 @@ def test_two_levels_meet_the_sphere_and_its_normals(record: Record) -> None:
     assert np.einsum("vi,vi->v", mesh.normals, mesh.vertices).min() > 0.98
 
 
+def keeping_nothing(*given: Any, **named: Any) -> Settings:
+    return replace(decide(*given, **named), keeps=False)
+
+
+@pytest.mark.parametrize(
+    ("noise", "viscosity", "instead", "share"),
+    [(0.001, 8e-4, ("reconstruction.decide", keeping_nothing), 0.85),
+     (0.005, 2e-2, ("multires.KEPT_OVER", 0.0), 0.93)],
+    ids=["of the shape", "without the noise"],
+)  # fmt: skip
 def test_what_smoothing_took_from_the_shape_the_next_level_gives_back(
+    noise: float,
+    viscosity: float,
+    instead: tuple[str, Any],
+    share: float,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    shape = bumpy_torus()
-    cloud = uniform_scan(shape, 60_000, noise=0.001, normal_noise=9)
-    smooth = ReconstructionConfig(resolution=128, weights=LossWeights(viscosity=8e-4))
+    shape = bumpy_torus() if noise < 0.005 else torus()
+    cloud = uniform_scan(shape, 60_000, noise=noise, normal_noise=9)
+    smooth = ReconstructionConfig(resolution=128, weights=LossWeights(viscosity=viscosity))
 
     def error() -> float:
         return float(np.abs(shape.sdf(reconstruct(cloud, smooth).mesh.vertices)).mean())
 
     found = error()
-    monkeypatch.setattr("visco_core.presets.KEPT", 0.0)
-    assert found < 0.85 * error()
+    name, other = instead
+    monkeypatch.setattr(f"visco_core.{name}", other)
+    assert found < share * error()
 
 
 def test_noise_counts_less_where_a_scans_own_normals_are_planes() -> None:
@@ -214,7 +230,7 @@ def test_trim_opens_the_mesh_where_nothing_was_scanned(ball: PointCloud) -> None
 def test_decimation_and_colours_reach_the_mesh(ball: PointCloud) -> None:
     colors = (127.5 * (ball.points + 1)).astype(np.uint8)
     warmth = ball.points[:, 2].astype(np.float32)
-    cloud = dataclasses.replace(ball, colors=colors, scalars={"warmth": warmth})
+    cloud = replace(ball, colors=colors, scalars={"warmth": warmth})
     mesh = reconstruct(cloud, config(decimate=3000)).mesh
     assert 2900 <= len(mesh.faces) <= 3000
     assert_one_closed_body(mesh)
