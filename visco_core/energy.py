@@ -6,10 +6,10 @@ The point and normal losses are quadratic in f: per voxel they are one 8 × 8 ma
 gathered once, so that an iteration costs nothing per point. The viscosity residual r is linearised;
 its matrix JᵀJ is applied in two passes and never formed. Coarea enters by its gradient.
 
-With a target r₀ the viscosity loss is λv/N Σ (r − r₀)². Of the residual that an earlier solution
-keeps it is the Bregman distance to that (Osher et al., "An iterative regularization method for
-total variation-based image restoration", MMS 2005): smoothing then draws the surface to the one
-found so far, instead of making it smaller once more.
+With a target r₀ and a stiffness w the viscosity loss is λv/N Σ w (r − r₀)². Of the residual that
+an earlier solution keeps it is the Bregman distance to that (Osher et al., "An iterative
+regularization method for total variation-based image restoration", MMS 2005): smoothing then draws
+the surface to the one found so far, instead of making it smaller once more.
 """
 
 from __future__ import annotations
@@ -24,9 +24,14 @@ from visco_core.grid.samples import Samples
 from visco_core.grid.topology import Grid
 from visco_core.kernels import ROW, Array
 from visco_core.presets import Weights
+from visco_core.progress import Check, never
 
-HEAT_STEP = 1 / 8
-"""Of heat on the grid; beyond 1/6 it is not stable."""
+HEAT_STEP, WIDEST = 1 / 8, 4.0
+"""Of heat on the grid: with 1/6 what changes sign from node to node would stay; and the largest
+radius in voxels that is asked of it, since it takes four steps times the radius squared."""
+
+STRAIGHT = 0.4
+"""Share of the usual residual below which a surface that bends less gets no stiffer."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +53,12 @@ class Linearisation:
 
 
 class Energy:
-    """The energy on ``grid`` for ``samples`` of the scan; ``target`` (N + 1,) is r₀, else 0."""
+    """The energy on ``grid`` for ``samples`` of the scan; ``carried`` (2, N + 1): see ``carry``."""
 
     def __init__(
-        self, grid: Grid, samples: Samples, weights: Weights, target: Array | None = None
+        self, grid: Grid, samples: Samples, weights: Weights, carried: Array | None = None
     ) -> None:
-        self._target = grid.backend.zeros(len(grid) + 1) if target is None else target
+        self._target, self._stiffness = nothing_carried(grid) if carried is None else carried
         self.grid, self.samples, self.weights = grid, samples, weights
         self._kernels = grid.backend.kernels
         self._half_inverse = np.float32(0.5 * grid.resolution)
@@ -94,8 +99,9 @@ class Energy:
         return Linearisation(values, losses, gradient, slopes)
 
     def _fill_rows(self, values: Array, slopes: Array) -> float:
-        given = values, self._target, self.grid.runs, self._half_inverse, self._laplace
-        return self._kernels.linearise(*given, slopes, self._rows)
+        given = values, self._target, self._stiffness, self.grid.runs
+        scales = self._half_inverse, self._laplace
+        return self._kernels.linearise(*given, *scales, slopes, self._rows)
 
     def sampled_gradient(self, values: Array, fraction: float, seed: int) -> Array:
         """An unbiased estimate (N + 1,) of the energy's gradient from a share of the voxels.
@@ -159,22 +165,22 @@ class Energy:
         return scale * total
 
     def matvec(self, at: Linearisation, v: Array, out: Array) -> float:
-        """out = (λv/N JᵀJ + λp/m PᵀP + λn/m GᵀG) v for v (N + 1,) that is zero off free nodes.
+        """out = (λv/N JᵀWJ + λp/m PᵀP + λn/m GᵀG) v for v (N + 1,) that is zero off free nodes.
 
         Returns v · out.
         """
         grid, s = self.grid, self.samples
-        rows = at.slopes, grid.runs, grid.run_slabs, self._laplace, self._scale
+        viscosity = at.slopes, self._stiffness, grid.runs, grid.run_slabs
         points = s.corners, self._matrices, s.slabs
-        return self._kernels.operate(v, *rows, *points, grid.flags, self._rows, out)
+        scales = self._laplace, self._scale
+        return self._kernels.operate(v, *viscosity, *scales, *points, grid.flags, self._rows, out)
 
     def diagonal(self, at: Linearisation) -> Array:
         """The diagonal (N + 1,) of the operator of ``matvec``; zero where nothing is free."""
         grid = self.grid
         out = grid.backend.zeros(len(grid) + 1)
-        self._kernels.viscosity_diagonal(
-            at.slopes, grid.runs, grid.flags, self._laplace, self._scale, out
-        )
+        viscosity = at.slopes, self._stiffness, grid.runs, grid.flags
+        self._kernels.viscosity_diagonal(*viscosity, self._laplace, self._scale, out)
         return out + self.scattered(self._matrices[:, 0])
 
     def spline_energies(self, basis: np.ndarray, spacing: int, side: int) -> Array:
@@ -213,31 +219,58 @@ class Energy:
         return other
 
 
-def viscosity_residual(
-    grid: Grid, samples: Samples, values: Array, epsilon: float, radius: float = 0.0
-) -> Array:
-    """r (N + 1,) of ``values`` (N + 1,) at the corners of voxels with points, zero elsewhere.
+def nothing_carried(grid: Grid) -> Array:
+    """(2, N + 1): r₀ = 0 and w = 1 everywhere."""
+    carried = grid.backend.zeros(2, len(grid) + 1)
+    carried[1] += 1
+    return carried
 
-    There it is the mean, under a Gaussian of deviation ``radius`` voxels, over all such corners.
+
+def carry(
+    grid: Grid,
+    samples: Samples,
+    values: Array,
+    epsilon: float,
+    radius: float,
+    check: Check = never,
+) -> Array:
+    """What ``values`` (N + 1,) say of the next level's viscosity: r₀ and w, (2, N + 1).
+
+    At the corners of voxels with points r₀ is the mean of r there under a Gaussian of deviation
+    ``radius`` voxels. Where the surface bends much, smoothing shall be less:
+    w = √((1 + c²)/(q/Q + c²)) where q is the mean of r₀² likewise, Q that over all and c
+    ``STRAIGHT``. So the loss grows as |r| rather than r² from place to place: the lagged
+    diffusivity of total variation (Vogel and Oman, "Iterative methods for total variation
+    denoising", SISC 1996). Elsewhere r₀ = 0 and w = 1.
     """
     backend, kernels, nodes = grid.backend, grid.backend.kernels, len(grid) + 1
-    rows, touched = backend.zeros(nodes), backend.zeros(nodes)
+    carried = nothing_carried(grid)
+    rows, near, slopes = backend.zeros(nodes), backend.zeros(nodes), backend.zeros(3, nodes)
     scales = np.float32(0.5 * grid.resolution), np.float32(epsilon * grid.resolution**2)
-    none, slopes = backend.zeros(nodes), backend.zeros(3, nodes)
-    kernels.linearise(values, none, grid.runs, *scales, slopes, rows)
+    kernels.linearise(values, *carried, grid.runs, *scales, slopes, rows)
     ones = backend.array(np.ones(samples.corners.shape, np.float32))
-    kernels.scatter(ones, samples.corners, samples.slabs, grid.flags, touched)
-    touched = backend.zeros(nodes) + (touched > 0)
-    sums = [rows * touched, touched + 0]
-    steps = math.ceil(radius**2 / (2 * HEAT_STEP))
-    if not steps:
-        return sums[0]
-    slopes *= 0
-    for each in sums:
-        for _ in range(steps):
-            # Jᵀ without slopes is the Laplacian: heat that spreads, of which each step adds twice
-            # its length to the variance.
-            length = np.float32(radius**2 / (2 * steps))
-            kernels.viscosity_columns(each, slopes, grid.runs, np.float32(-1), length, none)
-            each += none
-    return touched * sums[0] / (sums[1] + (1 - touched))
+    kernels.scatter(ones, samples.corners, samples.slabs, grid.flags, near)
+    near[near > 0] = 1
+    weight = _spread(grid, near, radius, check) + (1 - near)
+    target = near * _spread(grid, near * rows, radius, check) / weight
+    bent = near * _spread(grid, target * target, radius, check) / weight
+    usual = float(bent.sum()) / max(float(near.sum()), 1)
+    if usual > 0:
+        carried[0] = target
+        carried[1] = ((1 + STRAIGHT**2) / (bent / usual + STRAIGHT**2)) ** 0.5
+        carried[1][near == 0] = 1
+    return carried
+
+
+def _spread(grid: Grid, field: Array, radius: float, check: Check) -> Array:
+    """``field`` (N + 1,) under a Gaussian of deviation ``radius`` voxels, as heat spreads."""
+    variance = min(radius, WIDEST) ** 2
+    steps = math.ceil(variance / (2 * HEAT_STEP))
+    flat, more = grid.backend.zeros(3, len(grid) + 1), grid.backend.zeros(len(grid) + 1)
+    for _ in range(steps):
+        check()
+        # Without slopes Jᵀ is the Laplacian; each step adds twice its length to the variance.
+        length = np.float32(variance / (2 * steps))
+        grid.backend.kernels.viscosity_columns(field, flat, grid.runs, np.float32(-1), length, more)
+        field = field + more
+    return field

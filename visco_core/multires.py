@@ -18,7 +18,7 @@ import numpy as np
 
 from visco_core.clock import Clock
 from visco_core.continuation import FARTHEST, continuation, freedom_of, towards
-from visco_core.energy import Energy, viscosity_residual
+from visco_core.energy import Energy, carry, nothing_carried
 from visco_core.errors import ResourceError
 from visco_core.grid.samples import Samples, locate
 from visco_core.grid.topology import Grid, dense_grid, keep_closed, refine
@@ -232,17 +232,18 @@ def _begin(
     weights: Weights,
     check: Check,
 ) -> tuple[Grid, Array, Array]:
-    """The grid, the values (N + 1,) to begin with, and the target (N + 1,) of the residual."""
+    """The grid, the values (N + 1,) to begin with, and what is carried (2, N + 1)."""
     if coarser is not None:
         grid, values, settings = coarser.grid, coarser.values, problem.settings
-        target = backend.zeros(len(values))
+        carried = nothing_carried(grid)
         if settings.keeps:
             radius = KEPT_OVER * weights.viscosity**0.25 * grid.resolution
-            epsilon = weights.viscosity_epsilon
-            target = viscosity_residual(grid, coarser.samples, values, epsilon, radius)
-        return refine(grid, values, target, settings.schedule.band_width)
+            solved = grid, coarser.samples, values
+            carried = carry(*solved, weights.viscosity_epsilon, radius, check)
+        return refine(grid, values, carried, settings.schedule.band_width)
     values = starting_values(backend, problem.points, problem.start_normals, resolution, check)
-    return dense_grid(backend, resolution + 1), backend.array(values), backend.zeros(len(values))
+    grid = dense_grid(backend, resolution + 1)
+    return grid, backend.array(values), nothing_carried(grid)
 
 
 def _solve_level(
@@ -255,14 +256,14 @@ def _solve_level(
     clock, resolution = plan.clock, plan.resolutions[level]
     with clock.phase("refine" if coarser else "start", resolution=resolution) as entry:
         weights = problem.weights(level)
-        grid, begun, target = _begin(backend, problem, resolution, coarser, weights, clock.check)
+        grid, begun, carried = _begin(backend, problem, resolution, coarser, weights, clock.check)
         entry["nodes"] = plan.nodes[level] = len(grid)
     plan.start(level)
     with clock.phase("solve", resolution=resolution, nodes=len(grid)) as entry:
         started = time.monotonic()
         samples = locate(grid, problem.points, problem.fitted_normals, clock.check)
         clock.check()
-        energy = Energy(grid, samples, weights, target)
+        energy = Energy(grid, samples, weights, carried)
         clock.check()
         plan.located(time.monotonic() - started)
         reporter, stages = _Reporter(plan, level), plan.stages(level)

@@ -96,7 +96,7 @@ NOISE_ERROR = 2.4
 ROUGHNESS = 0.005
 """What trilinear voxels make of exact points, as noise, in voxels."""
 
-SHARED_NOISE = 0.37
+SHARED_NOISE = 0.38
 """How much noise counts that neighbours share, since a mean over them keeps it. A scan whose own
 normals are planes through points has mostly been put together from views, which do not agree."""
 
@@ -125,7 +125,7 @@ SHARED_NORMAL_ERROR, SHARED_IN_HOLES = 0.07, 0.135
 what a scanner's normals are smoothed by. On the coarsest level normals lead the surface far from
 where they were measured, and less is to be made of them."""
 
-KEPT_OVER = 0.05
+KEPT_OVER = 0.055
 """Radius, in units of the cube and times λv^¼, over which the viscosity residual that a level keeps
 of the coarser one is a mean: what smoothing took from the shape, without the noise."""
 

@@ -68,15 +68,15 @@ def dense_grid(backend: Backend, side: int) -> Grid:
 
 
 def refine(
-    grid: Grid, values: Array, target: Array, band_width: float
+    grid: Grid, values: Array, carried: Array, band_width: float
 ) -> tuple[Grid, Array, Array]:
-    """The next level's band and ``values`` and ``target`` (N' + 1,) interpolated on it.
+    """The next level's band, ``values`` (N' + 1,) and ``carried`` (2, N' + 1) interpolated on it.
 
     Keeps the nodes with |f| below ``band_width`` fine voxels, and all in the voxels where the sign
     changes.
     """
     side = 2 * grid.side - 1
-    fields = values, target, grid.side, band_width / (side - 1)
+    fields = values, carried, grid.side, band_width / (side - 1)
     ijk, columns, *fine = grid.backend.kernels.refine(
         grid.ijk, grid.columns, grid.neighbours, *fields
     )

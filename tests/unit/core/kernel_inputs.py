@@ -172,13 +172,14 @@ HALF_INVERSE, LAPLACE, SCALE = np.float32(8), np.float32(2.5), np.float32(0.3)
 
 def _linearise(n: Nodes) -> tuple[Any, ...]:
     outputs = n.vector(3).T.copy(), n.vector()
-    return n.vector(), n.vector(), n.runs, HALF_INVERSE, LAPLACE, *outputs
+    return n.vector(), n.vector(), n.vector() ** 2, n.runs, HALF_INVERSE, LAPLACE, *outputs
 
 
 def _operate(n: Nodes) -> tuple[Any, ...]:
     """With v and the rows zero off the free nodes."""
     s, runs = scan_on(n), n.runs
-    rows = n.vector(3).T.copy(), runs, np.searchsorted(runs[:, 0], n.slabs), LAPLACE, SCALE
+    slopes, stiffness = n.vector(3).T.copy(), n.vector() ** 2
+    rows = slopes, stiffness, runs, np.searchsorted(runs[:, 0], n.slabs), LAPLACE, SCALE
     points = s.corners, s.matrices, s.slabs, n.full_flags
     return n.vector() * (n.full_flags > 0), *rows, *points, 0 * n.vector(), 0 * n.vector()
 
@@ -188,7 +189,8 @@ def _viscosity_columns(n: Nodes) -> tuple[Any, ...]:
 
 
 def _viscosity_diagonal(n: Nodes) -> tuple[Any, ...]:
-    return n.vector(3).T.copy(), n.runs, n.flags(), LAPLACE, SCALE, n.vector()
+    stiffness = n.vector() ** 2
+    return n.vector(3).T.copy(), stiffness, n.runs, n.flags(), LAPLACE, SCALE, n.vector()
 
 
 def _point_system(n: Nodes) -> tuple[Any, ...]:
@@ -283,7 +285,8 @@ def _free_runs(n: Nodes) -> tuple[Any, ...]:
 
 
 def _refine(n: Nodes) -> tuple[Any, ...]:
-    return n.ijk, n.columns, n.neighbours, n.vector(), n.vector(), n.side, 0.2
+    carried = n.vector(2).T.copy()
+    return n.ijk, n.columns, n.neighbours, n.vector(), carried, n.side, 0.2
 
 
 def _voxel_corners(n: Nodes) -> tuple[Any, ...]:

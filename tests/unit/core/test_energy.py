@@ -10,7 +10,7 @@ import torch
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from visco_core.energy import Energy, Linearisation, viscosity_residual
+from visco_core.energy import Energy, Linearisation, carry, nothing_carried
 from visco_core.grid.samples import locate
 from visco_core.grid.topology import dense_grid, refine
 from visco_core.kernels import FREE, Backend
@@ -150,10 +150,14 @@ def operator(energy: Energy, at: Linearisation) -> np.ndarray:
 def test_matvec_and_diagonal_are_those_of_the_dense_gauss_newton_matrix(backend: Backend) -> None:
     side = 7
     values = noisy_distance(side)
-    energy = make_energy(backend, replace(WEIGHTS, coarea=0.0), side)
+    plain = make_energy(backend, replace(WEIGHTS, coarea=0.0), side)
+    carried = np.random.default_rng(4).random((2, len(values))).astype(np.float32)
+    energy = Energy(plain.grid, plain.samples, plain.weights, backend.array(carried))
     at = energy.linearise(backend.array(values))
     free = np.flatnonzero(backend.numpy(energy.grid.flags) & FREE)
-    expected = sum(w * (j.T @ j) for w, j in jacobians(values, WEIGHTS)).numpy()[free][:, free]
+    *points, (weight, rows) = jacobians(values, WEIGHTS)
+    weighted = [*points, (weight, torch.from_numpy(carried[1, free])[:, None] ** 0.5 * rows)]
+    expected = sum(w * (j.T @ j) for w, j in weighted).numpy()[free][:, free]
     found = operator(energy, at)
     np.testing.assert_allclose(found, expected, atol=1e-5 * expected.max())
     diagonal = backend.numpy(energy.diagonal(at))
@@ -165,9 +169,9 @@ def test_a_target_is_taken_off_the_viscosity_residual(backend: Backend) -> None:
     plain = make_energy(backend, ONLY["viscosity"])
     values = noisy_distance(17)
     epsilon = WEIGHTS.viscosity_epsilon
-    target = viscosity_residual(plain.grid, plain.samples, backend.array(values), epsilon)
-    energy = Energy(plain.grid, plain.samples, ONLY["viscosity"], target)
-    kept = backend.numpy(target).astype(np.float64)
+    carried = carry(plain.grid, plain.samples, backend.array(values), epsilon, 0.0)
+    energy = Energy(plain.grid, plain.samples, ONLY["viscosity"], carried)
+    kept = backend.numpy(carried[0]).astype(np.float64)
     near = np.unique(backend.numpy(plain.samples.corners))
     free = near[(backend.numpy(plain.grid.flags)[near] & FREE) > 0]
     np.testing.assert_array_equal(np.flatnonzero(kept), free)
@@ -182,28 +186,49 @@ def test_a_target_is_taken_off_the_viscosity_residual(backend: Backend) -> None:
     assert up - down == pytest.approx(4 * gradient @ step, rel=0.01)
 
 
-def test_a_residual_is_a_mean_over_the_corners_of_voxels_with_points(backend: Backend) -> None:
+def test_what_is_carried_are_means_over_the_corners_of_voxels_with_points(
+    backend: Backend,
+) -> None:
     side, radius = 33, 1.5
     energy = make_energy(backend, ONLY["viscosity"], side)
     given = energy.grid, energy.samples, backend.array(noisy_distance(side)), 0.02
-    plain, mean = (
-        backend.numpy(viscosity_residual(*given, over))[:-1].reshape((side,) * 3)
+    plain, (target, stiffness) = (
+        backend.numpy(carry(*given, over))[:, :-1].reshape((2, *(side,) * 3))
         for over in (0.0, radius)
     )
-    near = plain != 0
-    sum_, weight = (
-        gaussian_filter(a.astype(float), radius, mode="constant")[near] for a in (plain, near)
-    )
-    expected = sum_ / weight
-    assert 0 < expected.std() < 0.5 * plain[near].std()
-    assert np.square(mean[near] - expected).mean() < 0.1**2 * np.square(expected).mean()
-    assert not mean[~near].any()
+    residual, near = plain[0], plain[0] != 0
+
+    def mean(field: np.ndarray) -> np.ndarray:
+        sums, weights = (
+            gaussian_filter(a.astype(float), radius, mode="constant")[near]
+            for a in (np.where(near, field, 0), near)
+        )
+        return sums / weights
+
+    def off(found: np.ndarray, expected: np.ndarray) -> float:
+        return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+
+    assert 0 < target[near].std() < 0.5 * residual[near].std()
+    assert off(target[near], mean(residual)) < 0.1
+    bent = mean(np.square(target))
+    assert off(stiffness[near] ** -2, (bent / bent.mean() + 0.16) / 1.16) < 0.1
+    assert not target[~near].any()
+    assert (stiffness[~near] == 1).all()
+
+
+def test_a_flat_surface_is_as_stiff_everywhere(backend: Backend) -> None:
+    grid = dense_grid(backend, 9)
+    plane = np.append((backend.numpy(grid.ijk)[:, 0] - 4) / 8, 0).astype(np.float32)
+    samples = locate(grid, np.full((1, 3), 0.5), None)
+    target, stiffness = carry(grid, samples, backend.array(plane), 0.02, 1.0)
+    assert not backend.numpy(target).any()
+    assert (backend.numpy(stiffness) == 1).all()
 
 
 def test_matvec_is_symmetric_and_positive_on_a_band(backend: Backend) -> None:
     coarse = dense_grid(backend, 5)
     begun = backend.array(noisy_distance(5, noise=0.0))
-    grid, values, _ = refine(coarse, begun, begun, 1.6)
+    grid, values, _ = refine(coarse, begun, nothing_carried(coarse), 1.6)
     assert not grid.is_dense
     energy = Energy(grid, locate(grid, *scan_of_a_sphere()), WEIGHTS)
     matrix = operator(energy, energy.linearise(values))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from visco_core.energy import nothing_carried
 from visco_core.extract import (
     EDGES,
     MAX_TRIANGLES,
@@ -131,7 +132,7 @@ def test_a_case_uses_exactly_its_cut_edges_and_the_opposite_case_the_same() -> N
 def test_a_band_gives_the_surface_of_the_dense_grid(backend: Backend) -> None:
     coarse = dense_grid(backend, 17)
     values = np.append(ball(coarse, (0.45, 0.5, 0.52), 0.3), 0).astype(np.float32)
-    band = refine(coarse, backend.array(values), backend.array(values), 3.0)[0]
+    band = refine(coarse, backend.array(values), nothing_carried(coarse), 3.0)[0]
     dense = dense_grid(backend, 33)
     on_band = extract(band, ball(band, (0.45, 0.5, 0.52), 0.3))
     everywhere = extract(dense, ball(dense, (0.45, 0.5, 0.52), 0.3))

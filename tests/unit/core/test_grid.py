@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from kernel_inputs import CORNERS
 
+from visco_core.energy import nothing_carried
 from visco_core.extract import extract_isosurface
 from visco_core.grid.samples import CELLS, locate, spatial_order
 from visco_core.grid.topology import Grid, dense_grid, keep_closed, refine, voxel_corners
@@ -24,7 +25,7 @@ def sphere(grid: Grid, radius: float = 0.3) -> np.ndarray:
 def refined(backend: Backend, side: int = 17, band_width: float = 3.0) -> tuple[Grid, Grid]:
     coarse = dense_grid(backend, side)
     values = backend.array(sphere(coarse))
-    return coarse, refine(coarse, values, values, band_width)[0]
+    return coarse, refine(coarse, values, nothing_carried(coarse), band_width)[0]
 
 
 def keys(grid: Grid, stride: int = 1) -> np.ndarray:
@@ -80,7 +81,8 @@ def test_every_coarse_node_in_the_band_is_a_fine_node_with_the_same_value(
 ) -> None:
     coarse = dense_grid(backend, 17)
     values = sphere(coarse)
-    fine, fine_values, _ = refine(coarse, backend.array(values), backend.array(values), 4.0)
+    begun = backend.array(values)
+    fine, fine_values, _ = refine(coarse, begun, nothing_carried(coarse), 4.0)
     _, ours, theirs = np.intersect1d(keys(coarse, 2), keys(fine), return_indices=True)
     assert len(ours) == np.count_nonzero(np.abs(values[:-1]) < 4 / fine.resolution)
     np.testing.assert_allclose(backend.numpy(fine_values)[theirs], values[ours], rtol=1e-6)
@@ -94,18 +96,19 @@ def test_refine_keeps_exactly_the_band_and_the_voxels_where_the_sign_changes(
     rng = np.random.default_rng(2)
     values = sphere(coarse) + 0.2 * rng.standard_normal(len(coarse) + 1).astype(np.float32)
     values[-1] = 0
-    target = rng.standard_normal(len(values)).astype(np.float32)
-    given = backend.array(values), backend.array(target)
-    fine, fine_values, fine_target = refine(coarse, *given, band_width)
+    carried = rng.standard_normal((2, len(values))).astype(np.float32)
+    given = backend.array(values), backend.array(carried)
+    fine, fine_values, fine_carried = refine(coarse, *given, band_width)
     cube = values[:-1].reshape(17, 17, 17)
     expected = upsampled(cube)
     kept = (np.abs(expected) < band_width / 32) | (upsampled(corners_of_crossed_voxels(cube)) == 1)
     np.testing.assert_array_equal(backend.numpy(fine.ijk), np.argwhere(kept))
     np.testing.assert_allclose(backend.numpy(fine_values)[:-1], expected[kept], atol=1e-6)
-    interpolated = upsampled(target[:-1].reshape(17, 17, 17))[kept]
-    np.testing.assert_allclose(backend.numpy(fine_target)[:-1], interpolated, atol=1e-6)
+    for before, after in zip(carried, backend.numpy(fine_carried), strict=True):
+        interpolated = upsampled(before[:-1].reshape(17, 17, 17))[kept]
+        np.testing.assert_allclose(after[:-1], interpolated, atol=1e-6)
     assert not backend.numpy(fine_values)[-1]
-    assert not backend.numpy(fine_target)[-1]
+    assert not backend.numpy(fine_carried)[:, -1].any()
 
 
 def test_the_surface_stays_closed_wherever_the_solve_moves_it_and_however_steep_it_is(
@@ -125,14 +128,14 @@ def test_the_surface_stays_closed_wherever_the_solve_moves_it_and_however_steep_
         assert mesh_health(mesh)["boundary_edges"] == 0
         kept = backend.numpy(values) == solved
         assert kept[backend.numpy(grid.flags) & ENCLOSED > 0].all()
-        grid, begun, _ = refine(grid, values, values, 1.0)
+        grid, begun, _ = refine(grid, values, nothing_carried(grid), 1.0)
 
 
 def test_a_third_level_nests_in_the_second(backend: Backend) -> None:
     _, second = refined(backend)
     values = sphere(second)
     there = backend.array(values)
-    third, third_values, _ = refine(second, there, there, 3.0)
+    third, third_values, _ = refine(second, there, nothing_carried(second), 3.0)
     assert third.side == 65
     assert not third.is_dense
     _, ours, theirs = np.intersect1d(keys(second, 2), keys(third), return_indices=True)

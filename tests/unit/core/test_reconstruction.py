@@ -58,7 +58,7 @@ def keeping_nothing(*given: Any, **named: Any) -> Settings:
 @pytest.mark.parametrize(
     ("noise", "viscosity", "instead", "share"),
     [(0.001, 8e-4, ("reconstruction.decide", keeping_nothing), 0.85),
-     (0.005, 2e-2, ("multires.KEPT_OVER", 0.0), 0.93)],
+     (0.01, 2e-2, ("multires.KEPT_OVER", 0.0), 0.93)],
     ids=["of the shape", "without the noise"],
 )  # fmt: skip
 def test_what_smoothing_took_from_the_shape_the_next_level_gives_back(
@@ -68,7 +68,7 @@ def test_what_smoothing_took_from_the_shape_the_next_level_gives_back(
     share: float,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    shape = bumpy_torus() if noise < 0.005 else torus()
+    shape = bumpy_torus() if noise < 0.01 else torus()
     cloud = uniform_scan(shape, 60_000, noise=noise, normal_noise=9)
     smooth = ReconstructionConfig(resolution=128, weights=LossWeights(viscosity=viscosity))
 

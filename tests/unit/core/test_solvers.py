@@ -12,7 +12,7 @@ from conftest import THREADS
 from runs import Pace
 from scipy.spatial import KDTree
 
-from visco_core.energy import Energy
+from visco_core.energy import Energy, nothing_carried
 from visco_core.errors import Stopped
 from visco_core.extract import extract_isosurface
 from visco_core.gallery import sphere, torus, uniform_scan
@@ -73,7 +73,7 @@ def on_band(backend: Backend, weights: Weights) -> tuple[Energy, Array]:
     """
     energy, values = problem(backend, replace(weights, coarea=0.0), 17)
     coarse = run(GaussNewton(2, 10), energy, values).state.values
-    grid, fine, _ = refine(energy.grid, coarse, coarse, 4.0)
+    grid, fine, _ = refine(energy.grid, coarse, nothing_carried(energy.grid), 4.0)
     return Energy(grid, locate(grid, *scan_in_cube()), weights), fine
 
 

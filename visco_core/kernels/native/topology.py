@@ -25,7 +25,7 @@ def free_runs(neighbours, flags, slabs):
     return runs, np.searchsorted(runs[:, 0], slabs)
 
 
-def refine(ijk, columns, neighbours, values, target, side, limit):
+def refine(ijk, columns, neighbours, values, carried, side, limit):
     crossed = np.zeros(len(ijk), np.uint8)
     library.crossed(values, neighbours, len(ijk), crossed)
     fine = 2 * side - 1
@@ -33,9 +33,11 @@ def refine(ijk, columns, neighbours, values, target, side, limit):
     coarse = ijk, columns, values, crossed, side, limit
     library.refine_counts(*coarse, fine_columns)
     fine_ijk = np.empty((fine_columns[-1], 3), np.int16)
-    fine_values, fine_target = np.zeros((2, fine_columns[-1] + 1), np.float32)
-    library.refine(*coarse, target, fine_columns, fine_ijk, fine_values, fine_target)
-    return fine_ijk, fine_columns, fine_values, fine_target
+    fine_values = np.zeros(fine_columns[-1] + 1, np.float32)
+    fine_carried = np.zeros((2, len(fine_values)), np.float32)
+    out = fine_columns, fine_ijk, fine_values, fine_carried
+    library.refine(*coarse, carried, carried.shape[1], *out)
+    return fine_ijk, fine_columns, fine_values, fine_carried
 
 
 def voxel_corners(neighbours, base):

@@ -74,11 +74,12 @@ def refine(
     columns: Tensor,
     neighbours: Tensor,
     values: Tensor,
-    target: Tensor,
+    carried: Tensor,
     side: int,
     limit: float,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """The nodes of the next level, 2·side − 1 an axis: ijk, columns, values and target (N' + 1,).
+    """The nodes of the next level, 2·side − 1 an axis: ijk, columns, values (N' + 1,)
+    and carried (2, N' + 1).
 
     A node is kept when all its parents exist (1, 2, 4 or 8, whose means are its own) and either
     |value| < limit or all its parents are corners of voxels in which the sign changes: of these,
@@ -102,12 +103,12 @@ def refine(
     mean = at_parents.mean(1)
     keep = (index < len(ijk)).all(1)
     keep &= (mean.abs() < limit) | crossed[index].all(1)
-    fine, mean, rest = fine[keep], mean[keep], target[index[keep]].mean(1)
+    fine, mean, rest = fine[keep], mean[keep], carried[:, index[keep]].mean(2)
     column = fine[:, 0] * fine_side + fine[:, 1]
     count = torch.bincount(column, minlength=fine_side**2)
     starts = torch.cat([count.new_zeros(1), count.cumsum(0)])
-    last = mean.new_zeros(1)
-    return fine.to(torch.int16), starts, torch.cat([mean, last]), torch.cat([rest, last])
+    values, carried = (torch.nn.functional.pad(each, (0, 1)) for each in (mean, rest))
+    return fine.to(torch.int16), starts, values, carried
 
 
 def voxel_corners(neighbours: Tensor, base: Tensor) -> Tensor:

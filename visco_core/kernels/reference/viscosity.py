@@ -26,16 +26,17 @@ def _around(runs: Tensor) -> tuple[Tensor, Tensor]:
 def linearise(
     values: Tensor,
     target: Tensor,
+    stiffness: Tensor,
     runs: Tensor,
     half_inverse: float,
     laplace: float,
     slopes: Tensor,
     rows: Tensor,
 ) -> float:
-    """Viscosity rows at ``values`` (N + 1,): fills slopes (3, N + 1) and rows (N + 1,) with r − r₀.
+    """Viscosity rows at ``values`` (N + 1,): fills slopes (3, N + 1) and rows with w (r − r₀).
 
-    r = (‖∇̂f‖ − 1)·sign(f) − ε Δ̂f, with half_inverse = 1/2h and laplace = ε/h², and r₀ the
-    ``target`` (N + 1,); returns Σ (r − r₀)².
+    r = (‖∇̂f‖ − 1)·sign(f) − ε Δ̂f, with half_inverse = 1/2h and laplace = ε/h², r₀ the
+    ``target`` (N + 1,) and w the ``stiffness`` (N + 1,); returns Σ w (r − r₀)².
     """
     node, around = _around(runs)
     center, beside = values[node], values[around]
@@ -44,8 +45,8 @@ def linearise(
     sign = torch.sign(center)
     residual = (norm - 1) * sign - laplace * (beside.sum(1) - 6 * center) - target[node]
     slopes[:, node] = (sign * half_inverse / norm.clamp_min(1e-6)) * gradient.T
-    rows[node] = residual
-    return float(residual.double().square().sum())
+    rows[node] = stiffness[node] * residual
+    return float(residual.double() @ rows[node].double())
 
 
 def viscosity_columns(
@@ -61,12 +62,18 @@ def viscosity_columns(
 
 
 def viscosity_diagonal(
-    slopes: Tensor, runs: Tensor, flags: Tensor, laplace: float, scale: float, out: Tensor
+    slopes: Tensor,
+    stiffness: Tensor,
+    runs: Tensor,
+    flags: Tensor,
+    laplace: float,
+    scale: float,
+    out: Tensor,
 ) -> None:
-    """out = the diagonal of scale · JᵀJ."""
+    """out = the diagonal of scale · JᵀWJ."""
     node, around = _around(runs)
-    row = (flags & ROW).to(slopes.dtype)
-    total = torch.full_like(slopes[0, node], 36 * laplace**2)
+    row = (flags & ROW) * stiffness
+    total = 36 * laplace**2 * stiffness[node]
     for axis in range(3):
         low, high = around[:, 2 * axis], around[:, 2 * axis + 1]
         total += row[low] * (slopes[axis, low] - laplace) ** 2
@@ -77,6 +84,7 @@ def viscosity_diagonal(
 def operate(
     v: Tensor,
     slopes: Tensor,
+    stiffness: Tensor,
     runs: Tensor,
     run_slabs: Tensor,
     laplace: float,
@@ -88,16 +96,16 @@ def operate(
     rows: Tensor,
     out: Tensor,
 ) -> float:
-    """out = scale · JᵀJ v + the points' matrices times v; returns v · out.
+    """out = scale · JᵀWJ v + the points' matrices times v; returns v · out.
 
-    J δ = s n̂·∇̂δ − ε Δ̂δ; rows is left with J v. ``v`` is zero off the free nodes; run_slabs
-    (side + 1,) int64: the first run of each i-slab.
+    J δ = s n̂·∇̂δ − ε Δ̂δ, W the ``stiffness`` (N + 1,); rows is left with WJ v. ``v`` is zero off the
+    free nodes; run_slabs (side + 1,) int64: the first run of each i-slab.
     """
     node, around = _around(runs)
     beside = v[around]
     difference = beside[:, 1::2] - beside[:, 0::2]
     along = (slopes[:, node].T * difference).sum(1)
-    rows[node] = along - laplace * (beside.sum(1) - 6 * v[node])
+    rows[node] = stiffness[node] * (along - laplace * (beside.sum(1) - 6 * v[node]))
     viscosity_columns(rows, slopes, runs, laplace, scale, out)
     point_matvec(v, corners, matrices, slabs, flags, out)
     return float(v.double() @ out.double())

@@ -11,14 +11,16 @@ extern "C" {
 
 int64_t visco_set_threads(int64_t threads);
 
-double visco_linearise(const float *values, const float *target, const int64_t *runs, int64_t run_count,
-                       float half_inverse, float laplace, float *slopes, int64_t stride, float *rows);
+double visco_linearise(const float *values, const float *target, const float *stiffness, const int64_t *runs,
+                       int64_t run_count, float half_inverse, float laplace, float *slopes, int64_t stride,
+                       float *rows);
 void visco_viscosity_columns(const float *rows, const float *slopes, int64_t stride, const int64_t *runs,
                              int64_t run_count, float laplace, float scale, float *out);
-void visco_viscosity_diagonal(const float *slopes, int64_t stride, const int64_t *runs, int64_t run_count,
-                              const uint8_t *flags, float laplace, float scale, float *out);
-double visco_operate(const float *v, const float *slopes, int64_t stride, const int64_t *runs,
-                     const int64_t *run_slabs, int64_t side, float laplace, float scale,
+void visco_viscosity_diagonal(const float *slopes, int64_t stride, const float *stiffness, const int64_t *runs,
+                              int64_t run_count, const uint8_t *flags, float laplace, float scale,
+                              float *out);
+double visco_operate(const float *v, const float *slopes, int64_t stride, const float *stiffness,
+                     const int64_t *runs, const int64_t *run_slabs, int64_t side, float laplace, float scale,
                      const int32_t *corners, const float *matrices, const int64_t *slabs,
                      const uint8_t *flags, float *rows, float *out);
 
@@ -69,8 +71,8 @@ void visco_crossed(const float *values, const int32_t *neighbours, int64_t n, ui
 void visco_refine_counts(const int16_t *ijk, const int64_t *columns, const float *values,
                          const uint8_t *crossed, int64_t side, float limit, int64_t *fine_columns);
 void visco_refine(const int16_t *ijk, const int64_t *columns, const float *values, const uint8_t *crossed,
-                  int64_t side, float limit, const float *target, const int64_t *fine_columns,
-                  int16_t *fine_ijk, float *fine_values, float *fine_target);
+                  int64_t side, float limit, const float *carried, int64_t stride,
+                  const int64_t *fine_columns, int16_t *fine_ijk, float *fine_values, float *fine_carried);
 void visco_voxel_corners(const int32_t *neighbours, int64_t n, const int32_t *base, int64_t count,
                          int32_t *out);
 

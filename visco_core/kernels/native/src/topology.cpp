@@ -6,11 +6,11 @@ using namespace visco;
 namespace {
 
 // Children in fine column (i, j) whose parents all exist, and that lie within the limit or whose
-// parents are all crossed: calls keep(k, value, target) for each.
+// parents are all crossed: calls keep(k, value, two carried values) for each.
 template <class Keep>
-void refine_column(const int16_t *ijk, const int64_t *columns, const float *values, const float *target,
-                   const uint8_t *crossed, int64_t side, int64_t i, int64_t j, float limit,
-                   const Keep &keep) {
+void refine_column(const int16_t *ijk, const int64_t *columns, const float *values, const float *one,
+                   const float *other, const uint8_t *crossed, int64_t side, int64_t i, int64_t j,
+                   float limit, const Keep &keep) {
     int64_t parents[4], ends[4];
     int count = 0;
     for (int64_t a = i / 2; a <= (i + 1) / 2; a++)
@@ -20,14 +20,14 @@ void refine_column(const int16_t *ijk, const int64_t *columns, const float *valu
         }
     for (int64_t t = parents[0]; t < ends[0]; t++) {
         int16_t k = ijk[3 * t + 2];
-        float total = values[t], targets = target[t];
+        float total = values[t], ones = one[t], others = other[t];
         bool near = crossed[t];
         auto take = [&](int64_t node) {
-            total += values[node], targets += target[node], near &= crossed[node];
+            total += values[node], ones += one[node], others += other[node], near &= crossed[node];
         };
         auto emit = [&](int16_t at, float parents) {
             float mean = total / parents;
-            if (std::abs(mean) < limit || near) keep(at, mean, targets / parents);
+            if (std::abs(mean) < limit || near) keep(at, mean, ones / parents, others / parents);
         };
         bool whole = true;
         for (int c = 1; c < count && whole; c++) {
@@ -149,8 +149,8 @@ void visco_refine_counts(const int16_t *ijk, const int64_t *columns, const float
     parallel(fine, [=](int64_t i) {
         for (int64_t j = 0; j < fine; j++) {
             int64_t found = 0;
-            refine_column(ijk, columns, values, values, crossed, side, i, j, limit,
-                          [&](int16_t, float, float) { found++; });
+            refine_column(ijk, columns, values, values, values, crossed, side, i, j, limit,
+                          [&](int16_t, float, float, float) { found++; });
             fine_columns[i * fine + j + 1] = found;
         }
     });
@@ -158,17 +158,18 @@ void visco_refine_counts(const int16_t *ijk, const int64_t *columns, const float
 }
 
 void visco_refine(const int16_t *ijk, const int64_t *columns, const float *values, const uint8_t *crossed,
-                  int64_t side, float limit, const float *target, const int64_t *fine_columns,
-                  int16_t *fine_ijk, float *fine_values, float *fine_target) {
-    int64_t fine = 2 * side - 1;
+                  int64_t side, float limit, const float *carried, int64_t stride,
+                  const int64_t *fine_columns, int16_t *fine_ijk, float *fine_values, float *fine_carried) {
+    int64_t fine = 2 * side - 1, fine_stride = fine_columns[fine * fine] + 1;
     parallel(fine, [=](int64_t i) {
         for (int64_t j = 0; j < fine; j++) {
             int64_t node = fine_columns[i * fine + j];
-            auto keep = [&](int16_t k, float value, float rest) {
+            auto keep = [&](int16_t k, float value, float one, float other) {
                 fine_ijk[3 * node] = i, fine_ijk[3 * node + 1] = j, fine_ijk[3 * node + 2] = k;
-                fine_values[node] = value, fine_target[node++] = rest;
+                fine_carried[node] = one, fine_carried[fine_stride + node] = other;
+                fine_values[node++] = value;
             };
-            refine_column(ijk, columns, values, target, crossed, side, i, j, limit, keep);
+            refine_column(ijk, columns, values, carried, carried + stride, crossed, side, i, j, limit, keep);
         }
     });
 }

@@ -24,9 +24,9 @@ struct Slopes {
     Slopes(const float *slopes, int64_t stride) : x(slopes), y(slopes + stride), z(slopes + 2 * stride) {}
 };
 
-// rows = J v over the runs; returns the sum of their squares.
-double rows_of(const Run *run, const Run *end, const float *__restrict v, Slopes s, float laplace,
-               float *__restrict rows) {
+// rows = W J v over the runs; returns v · JᵀW J v.
+double rows_of(const Run *run, const Run *end, const float *__restrict v, Slopes s,
+               const float *__restrict stiffness, float laplace, float *__restrict rows) {
     double total = 0;
     for (; run < end; run++) {
         const float *x0 = v + run->x0, *x1 = v + run->x1, *y0 = v + run->y0, *y1 = v + run->y1;
@@ -35,8 +35,8 @@ double rows_of(const Run *run, const Run *end, const float *__restrict v, Slopes
             float along = s.x[t] * (x1[t] - x0[t]) + s.y[t] * (y1[t] - y0[t]) + s.z[t] * (v[t + 1] - v[t - 1]);
             float around = x0[t] + x1[t] + y0[t] + y1[t] + v[t - 1] + v[t + 1] - 6 * v[t];
             float row = along - laplace * around;
-            rows[t] = row;
-            square += row * row;
+            rows[t] = stiffness[t] * row;
+            square += row * rows[t];
         }
         total += square;
     }
@@ -60,9 +60,10 @@ void columns_of(const Run *run, const Run *end, const float *__restrict rows, Sl
 
 }  // namespace
 
-double visco_linearise(const float *__restrict values, const float *__restrict target, const int64_t *runs,
-                       int64_t run_count, float half_inverse, float laplace, float *__restrict slopes,
-                       int64_t stride, float *__restrict rows) {
+double visco_linearise(const float *__restrict values, const float *__restrict target,
+                       const float *__restrict stiffness, const int64_t *runs, int64_t run_count,
+                       float half_inverse, float laplace, float *__restrict slopes, int64_t stride,
+                       float *__restrict rows) {
     float *sx = slopes, *sy = slopes + stride, *sz = slopes + 2 * stride;
     return sum_of_blocks(run_count, RUNS, [=](int64_t first, int64_t last) {
         double total = 0;
@@ -80,8 +81,8 @@ double visco_linearise(const float *__restrict values, const float *__restrict t
                 sx[t] = k * gx, sy[t] = k * gy, sz[t] = k * gz;
                 float around = x0[t] + x1[t] + y0[t] + y1[t] + values[t - 1] + values[t + 1] - 6 * v;
                 float row = (norm - 1) * sign - laplace * around - target[t];
-                rows[t] = row;
-                square += row * row;
+                rows[t] = stiffness[t] * row;
+                square += row * rows[t];
             }
             total += square;
         }
@@ -97,18 +98,19 @@ void visco_viscosity_columns(const float *rows, const float *slopes, int64_t str
     });
 }
 
-void visco_viscosity_diagonal(const float *slopes, int64_t stride, const int64_t *runs, int64_t run_count,
-                              const uint8_t *flags, float laplace, float scale, float *out) {
+void visco_viscosity_diagonal(const float *slopes, int64_t stride, const float *stiffness, const int64_t *runs,
+                              int64_t run_count, const uint8_t *flags, float laplace, float scale,
+                              float *out) {
     parallel_blocks(run_count, RUNS, [=](int64_t first, int64_t last) {
         for (const Run *run = runs_of(runs) + first; run < runs_of(runs) + last; run++) {
             const int64_t low[] = {run->x0, run->y0, -1}, high[] = {run->x1, run->y1, 1};
             for (int64_t t = run->start; t < run->stop; t++) {
-                float total = 36 * laplace * laplace;
+                float total = stiffness[t] * (36 * laplace * laplace);
                 for (int axis = 0; axis < 3; axis++) {
                     const float *s = slopes + axis * stride;
                     float below = s[t + low[axis]] - laplace, above = s[t + high[axis]] + laplace;
-                    if (flags[t + low[axis]] & ROW) total += below * below;
-                    if (flags[t + high[axis]] & ROW) total += above * above;
+                    if (flags[t + low[axis]] & ROW) total += stiffness[t + low[axis]] * (below * below);
+                    if (flags[t + high[axis]] & ROW) total += stiffness[t + high[axis]] * (above * above);
                 }
                 out[t] = scale * total;
             }
@@ -119,9 +121,9 @@ void visco_viscosity_diagonal(const float *slopes, int64_t stride, const int64_t
 // Rows, columns and points slab after slab, so that what one leaves is in the cache for the next.
 // A chunk of slabs belongs to one thread. The rows at its two ends come before, since its neighbours
 // need them, and the points between it and the next chunk after.
-double visco_operate(const float *v, const float *slopes, int64_t stride, const int64_t *runs,
-                     const int64_t *run_slabs, int64_t side, float laplace, float scale,
-                     const int32_t *corners, const float *matrices, const int64_t *slabs,
+double visco_operate(const float *v, const float *slopes, int64_t stride, const float *stiffness,
+                     const int64_t *runs, const int64_t *run_slabs, int64_t side, float laplace,
+                     float scale, const int32_t *corners, const float *matrices, const int64_t *slabs,
                      const uint8_t *flags, float *rows, float *out) {
     Slopes s(slopes, stride);
     const Run *run = runs_of(runs);
@@ -136,7 +138,7 @@ double visco_operate(const float *v, const float *slopes, int64_t stride, const 
     }
     Buffer<double> squares(chunks), pulls(chunks);
     auto make_rows = [&](int64_t slab) {
-        return rows_of(run + run_slabs[slab], run + run_slabs[slab + 1], v, s, laplace, rows);
+        return rows_of(run + run_slabs[slab], run + run_slabs[slab + 1], v, s, stiffness, laplace, rows);
     };
     auto add_points = [&](int64_t slab) {
         return points_of(slabs[slab], slabs[slab + 1], v, corners, matrices, flags, out);
