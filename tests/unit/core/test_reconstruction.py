@@ -18,7 +18,16 @@ from runs import Record, assert_one_closed_body, config, off_sphere, voxel
 from visco_core.config import LevelSchedule, LossWeights, ReconstructionConfig
 from visco_core.errors import InputError
 from visco_core.frame import FILL, Normalisation
-from visco_core.gallery import Scanner, bumpy_torus, scan, sphere, torus, two_bodies, uniform_scan
+from visco_core.gallery import (
+    Scanner,
+    box,
+    bumpy_torus,
+    scan,
+    sphere,
+    torus,
+    two_bodies,
+    uniform_scan,
+)
 from visco_core.io import read_mesh, read_points, write_mesh
 from visco_core.mesh_health import mesh_health
 from visco_core.metrics import nearest_distance, point_to_mesh_distance
@@ -56,19 +65,21 @@ def keeping_nothing(*given: Any, **named: Any) -> Settings:
 
 
 @pytest.mark.parametrize(
-    ("noise", "viscosity", "instead", "share"),
-    [(0.001, 8e-4, ("reconstruction.decide", keeping_nothing), 0.85),
-     (0.01, 2e-2, ("multires.KEPT_OVER", 0.0), 0.93)],
-    ids=["of the shape", "without the noise"],
+    ("make", "noise", "viscosity", "instead", "share"),
+    [(bumpy_torus, 0.001, 8e-4, ("reconstruction.decide", keeping_nothing), 0.85),
+     (torus, 0.01, 2e-2, ("multires.KEPT_OVER", 0.0), 0.93),
+     (box, 0.001, 8e-4, ("energy.STRAIGHT", 1e9), 0.88)],
+    ids=["of the shape", "without the noise", "most of it at creases"],
 )  # fmt: skip
 def test_what_smoothing_took_from_the_shape_the_next_level_gives_back(
+    make: Callable[[], Any],
     noise: float,
     viscosity: float,
     instead: tuple[str, Any],
     share: float,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    shape = bumpy_torus() if noise < 0.01 else torus()
+    shape = make()
     cloud = uniform_scan(shape, 60_000, noise=noise, normal_noise=9)
     smooth = ReconstructionConfig(resolution=128, weights=LossWeights(viscosity=viscosity))
 
