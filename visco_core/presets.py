@@ -96,7 +96,7 @@ NOISE_ERROR = 2.4
 ROUGHNESS = 0.005
 """What trilinear voxels make of exact points, as noise, in voxels."""
 
-SHARED_NOISE = 0.38
+SHARED_NOISE = 0.37
 """How much noise counts that neighbours share, since a mean over them keeps it. A scan whose own
 normals are planes through points has mostly been put together from views, which do not agree."""
 
