@@ -42,7 +42,7 @@ class Quadrics:
         variance, axes = np.linalg.eigh(np.swapaxes(weighted, 1, 2) @ centered)
         height, x, y = np.moveaxis(centered @ axes, -1, 0)
         extent = np.sqrt(np.maximum(variance[:, 2:], np.finfo(float).tiny))
-        basis = _terms(x / extent, y / extent)
+        basis = quadratic_terms(x / extent, y / extent)
         square, wanted = _normal_equations(height[..., None], basis, kept)
         coefficients = np.linalg.solve(square, wanted)[..., 0]
         return cls(kept, middle, axes, extent, basis, height, square, coefficients)
@@ -70,7 +70,7 @@ class Quadrics:
         The variance is what noise of variance 1 in the points along each axis makes of the quadric.
         """
         height, x, y = np.einsum("si,sij->js", places - self.middle, self.axes)
-        there = _terms(x / self.extent[:, 0], y / self.extent[:, 0])
+        there = quadratic_terms(x / self.extent[:, 0], y / self.extent[:, 0])
         weight = (self.basis @ np.linalg.solve(self.square, there[..., None]))[..., 0] * self.kept
         variance = (np.square(weight) * (1 + self.squared_slope)).sum(1)
         return height - (there * self.coefficients).sum(1), variance
@@ -79,7 +79,7 @@ class Quadrics:
 def fit(values: np.ndarray, basis: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """The coefficients (S, B, D) with which ``basis`` (S, K, B) fits ``values`` (S, K, D) best.
 
-    Only at the points ``kept`` (S, K).
+    Only at the points ``kept`` (S, K), or with these as weights.
     """
     return np.linalg.solve(*_normal_equations(values, basis, kept))
 
@@ -99,5 +99,6 @@ def _normal_equations(
     return square, fitted @ values
 
 
-def _terms(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def quadratic_terms(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The basis (..., 6) of a quadric at x, y (...) of its plane."""
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], -1)

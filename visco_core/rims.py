@@ -15,6 +15,7 @@ import numpy as np
 
 from visco_core.neighbours import Neighbours
 from visco_core.progress import Check, never
+from visco_core.quadrics import fit, quadratic_terms
 
 NEIGHBOURS = 128
 """Points that a quadric is fitted through: beside the holes of scans that were put together from
@@ -175,12 +176,9 @@ def _quadrics(around: _Around) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     right /= np.linalg.norm(right, axis=1, keepdims=True)
     frame = np.stack([right, np.cross(up, right), up], 2)
     x, y, z = np.moveaxis(away @ frame / reach[:, None, None], 2, 0)
-    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], 2)
-    weighted = np.swapaxes(basis * weight[..., None], 1, 2)
-    square = weighted @ basis + 1e-9 * weight.sum(1)[:, None, None] * np.eye(6)
-    fit = np.linalg.solve(square, weighted @ z[..., None])[..., 0]
-    fit[:, 3:] /= reach[:, None]
-    return there, frame, fit
+    fitted = fit(z[..., None], quadratic_terms(x, y), weight)[..., 0]
+    fitted[:, 3:] /= reach[:, None]
+    return there, frame, fitted
 
 
 def _along_quadrics(
