@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -24,6 +24,7 @@ _BAD_NORMALS_TOLERATED = 0.5
 class CleaningReport:
     """How many points there were, how many are left, and what became of the others.
 
+    ``off_surface`` are those that were dropped between surfaces.
     ``filled_normals`` were missing and taken from the nearest point that has one;
     ``rescaled_normals`` were more than one percent longer or shorter than 1;
     ``turned_normals`` pointed to the wrong side; ``dropped_normals``: so many were missing that all
@@ -35,11 +36,15 @@ class CleaningReport:
     not_finite: int = 0
     duplicates: int = 0
     outliers: int = 0
-    scattered: int = 0
     filled_normals: int = 0
     rescaled_normals: int = 0
     turned_normals: int = 0
     dropped_normals: bool = False
+    off_surface: PointCloud = field(default_factory=lambda: PointCloud(np.empty((0, 3))))
+
+    @property
+    def scattered(self) -> int:
+        return len(self.off_surface)
 
     @property
     def sentences(self) -> list[str]:
@@ -108,8 +113,8 @@ def clean_points(
     check()
     kept, filled = _unit_normals(kept, threads, check)
     between = find_scattered(kept.points, kept.normals, threads, check)
-    scattered = int(between.sum())
-    kept = kept.select(~between) if scattered else kept
+    off_surface = kept.select(between)
+    kept = kept.select(~between) if len(off_surface) else kept
     turned = 0
     if normals == "use" and kept.normals is not None:
         wrong = wrong_sides(kept.points, kept.normals, threads, check)
@@ -122,11 +127,11 @@ def clean_points(
         not_finite=read - len(cloud),
         duplicates=len(cloud) - len(distinct),
         outliers=int(strays.sum()),
-        scattered=scattered,
         filled_normals=filled,
         rescaled_normals=rescaled if kept.normals is not None else 0,
         turned_normals=turned,
         dropped_normals=cloud.normals is not None and kept.normals is None,
+        off_surface=off_surface,
     )
     return kept, report
 

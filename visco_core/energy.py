@@ -206,6 +206,11 @@ class Energy:
             laplacian += low + high
         return float(self._scale * (slopes + np.square(self._laplace * laplacian).sum()))
 
+    def with_samples(self, samples: Samples) -> Energy:
+        """The same energy of other points."""
+        carried = self._target, self._stiffness
+        return Energy(self.grid, samples, self.weights, carried)
+
     def with_viscosity(
         self, *, weight: float | None = None, epsilon: float | None = None
     ) -> Energy:
@@ -251,9 +256,9 @@ def carry(
     ones = backend.array(np.ones(samples.corners.shape, np.float32))
     kernels.scatter(ones, samples.corners, samples.slabs, grid.flags, near)
     near[near > 0] = 1
-    weight = _spread(grid, near, radius, check) + (1 - near)
-    target = near * _spread(grid, near * rows, radius, check) / weight
-    bent = near * _spread(grid, target * target, radius, check) / weight
+    weight = spread(grid, near, radius, check) + (1 - near)
+    target = near * spread(grid, near * rows, radius, check) / weight
+    bent = near * spread(grid, target * target, radius, check) / weight
     usual = float(bent.sum()) / max(float(near.sum()), 1)
     if usual > 0:
         carried[0] = target
@@ -262,8 +267,11 @@ def carry(
     return carried
 
 
-def _spread(grid: Grid, field: Array, radius: float, check: Check) -> Array:
-    """``field`` (N + 1,) under a Gaussian of deviation ``radius`` voxels, as heat spreads."""
+def spread(grid: Grid, field: Array, radius: float, check: Check = never) -> Array:
+    """``field`` (N + 1,) under a Gaussian of deviation ``radius`` voxels, as heat spreads.
+
+    A radius beyond ``WIDEST`` counts as that.
+    """
     variance = min(radius, WIDEST) ** 2
     steps = math.ceil(variance / (2 * HEAT_STEP))
     flat, more = grid.backend.zeros(3, len(grid) + 1), grid.backend.zeros(len(grid) + 1)

@@ -17,6 +17,7 @@ import math
 import numpy as np
 
 from visco_core.energy import Energy, Linearisation
+from visco_core.grid.samples import corner_weights
 from visco_core.kernels import Array
 from visco_core.presets import GREATEST_VISCOSITY, LEAST_VISCOSITY
 from visco_core.solvers.gauss_newton import GaussNewtonState, conjugate_gradients
@@ -80,7 +81,6 @@ def _probe(energy: Energy, seed: int) -> np.ndarray:
     numpy, samples = energy.grid.backend.numpy, energy.samples
     local, starts = numpy(samples.local), numpy(samples.starts)
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], len(local)).astype(np.float32)
-    i, j, k = (np.stack([1 - u, u], 1) for u in local.T)
-    weights = np.einsum("p,pi,pj,pk->pijk", signs, i, j, k).reshape(-1, 8)
-    sums: np.ndarray = np.add.reduceat(weights, starts[:-1])
+    weights, _ = corner_weights(local)
+    sums: np.ndarray = np.add.reduceat(signs[:, None] * weights, starts[:-1])
     return sums

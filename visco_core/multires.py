@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from visco_core import held_out, leave_one_out
 from visco_core.clock import Clock
 from visco_core.continuation import FARTHEST, continuation, freedom_of, towards
 from visco_core.energy import Energy, carry, nothing_carried
@@ -24,7 +25,6 @@ from visco_core.grid.samples import Samples, locate
 from visco_core.grid.topology import Grid, dense_grid, keep_closed, refine
 from visco_core.initial import starting_values
 from visco_core.kernels import Array, Backend
-from visco_core.leave_one_out import choose_viscosity
 from visco_core.presets import KEPT_OVER, Settings, Weights
 from visco_core.progress import Check
 from visco_core.result import Outcome
@@ -53,23 +53,36 @@ MULTILEVEL_STEPS, MULTILEVEL_SETUP_STEPS = 2, 120
 extracting and writing its surface, the least work that makes a level worth beginning, and, with the
 multilevel preconditioner that the coarsest level has, an iteration and its beginning."""
 
+SEARCH_COST = 4
+"""Solves of a level that looks for λv with points held out, its own counted."""
+
 GRACE_SECONDS = 1.0
 """How far beyond the budget the coarsest level may end: a late surface is better than none."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is to be solved: points (P, 3) in [0, 1]³, normals (P, 3) to start from and to fit."""
+    """What is to be solved: points (P, 3) in [0, 1]³, normals (P, 3) to start from and to fit.
+
+    With ``held_out`` the coarsest level is solved without these, and the second looks for λv.
+    """
 
     points: np.ndarray
     start_normals: np.ndarray
     fitted_normals: np.ndarray | None
     settings: Settings
+    held_out: held_out.HeldOut | None = None
 
     def weights(self, level: int) -> Weights:
         """Those of the settings; missing normals must not be fitted as if they were zero."""
         weights = _entry(self.settings.weights, level)
         return weights if self.fitted_normals is not None else replace(weights, normal=0.0)
+
+    def seen(self, level: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """The points and fitted normals that ``level`` is solved with."""
+        if level == 0 and self.held_out is not None:
+            return self.held_out.seen
+        return self.points, self.fitted_normals
 
 
 @dataclass(frozen=True)
@@ -174,6 +187,10 @@ class LevelPlan:
         self.clock.start_slice(max(left * costs[0] / sum(costs), 0.0))
         self.expect(level, costs[0])
 
+    def spares(self, level: int, times: float) -> bool:
+        """Whether the time given to ``level`` is so many times what it takes."""
+        return times * self.cost(level) <= self.clock.slice_seconds
+
     def expect(self, level: int, seconds: float) -> None:
         """Tells the clock what is left: ``seconds`` on this level, then the later ones."""
         last = self._last_reachable(level)
@@ -261,19 +278,28 @@ def _solve_level(
     plan.start(level)
     with clock.phase("solve", resolution=resolution, nodes=len(grid)) as entry:
         started = time.monotonic()
-        samples = locate(grid, problem.points, problem.fitted_normals, clock.check)
+        samples = locate(grid, *problem.seen(level), clock.check)
         clock.check()
         energy = Energy(grid, samples, weights, carried)
         clock.check()
         plan.located(time.monotonic() - started)
-        reporter, stages = _Reporter(plan, level), plan.stages(level)
+        stages = plan.stages(level)
+        settings = problem.settings
+        if problem.held_out is not None and level == 1 and plan.spares(level, SEARCH_COST):
+            solver = stages[-1][1]
+            factor = held_out.choose_factor(energy, begun, solver, clock, problem.held_out)
+            settings = settings.with_viscosity_times(factor)
+            energy = energy.with_viscosity(weight=_entry(settings.weights, level).viscosity)
+        reporter = _Reporter(plan, level)
         state, values = _solve_stages(energy, begun, stages, clock, reporter)
         plan.measured(level, reporter.work, reporter.seconds)
-        settings = problem.settings
-        if settings.leave_one_out and level == 1:
+        if settings.search == "leave_one_out" and level == 1:
             solver, seed = stages[-1][1], settings.config.seed
-            viscosity, state = choose_viscosity(energy, begun, state, solver, clock, seed)
-            values, settings = state.values, settings.with_viscosity(viscosity)
+            viscosity, state = leave_one_out.choose_viscosity(
+                energy, begun, state, solver, clock, seed
+            )
+            values = state.values
+            settings = settings.with_viscosity_times(viscosity / energy.weights.viscosity)
         entry.update(steps=reporter.steps, iterations=reporter.work, **state.losses)
     return SolvedLevel(grid, keep_closed(grid, begun, values), samples, state.losses, settings)
 

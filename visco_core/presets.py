@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from visco_core.config import LossWeights, ReconstructionConfig
 
 if TYPE_CHECKING:
     from visco_core.noise import Noise
+
+Search = Literal["none", "leave_one_out", "held_out"]
 
 
 @dataclass(frozen=True)
@@ -42,20 +44,22 @@ class Schedule:
 class Settings:
     """A config with nothing left open; ``weights`` of each level, coarsest first.
 
-    ``leave_one_out``: whether the second level looks for a better λv; see the module of that name.
+    ``search``: how the second level looks for a better λv; see the modules of these names.
     ``keeps``: whether a level keeps the viscosity residual of the coarser one near points.
     """
 
     config: ReconstructionConfig
     weights: tuple[Weights, ...]
     schedule: Schedule
-    leave_one_out: bool = False
+    search: Search = "none"
     keeps: bool = False
 
-    def with_viscosity(self, viscosity: float) -> Settings:
-        """The same with λv ``viscosity`` on all levels but the coarsest."""
+    def with_viscosity_times(self, factor: float) -> Settings:
+        """The same with ``factor`` times λv on all levels but the coarsest, within its bounds."""
         coarsest, *finer = self.weights
-        changed = (replace(each, viscosity=viscosity) for each in finer)
+        bounds = LEAST_VISCOSITY, GREATEST_VISCOSITY
+        scaled = [float(np.clip(factor * each.viscosity, *bounds)) for each in finer]
+        changed = (replace(w, viscosity=v) for w, v in zip(finer, scaled, strict=True))
         return replace(self, weights=(coarsest, *changed))
 
 
@@ -206,24 +210,32 @@ def _best_viscosity(noise: Noise, resolution: int) -> float:
     return float(tried[expected_error(noise, resolution, tried).argmin()])
 
 
-def is_sparse(noise: Noise, resolutions: list[int]) -> bool:
-    """Whether points left out tell λv better than the noise does.
+def viscosity_search(noise: Noise, resolutions: list[int], *, shared: bool = False) -> Search:
+    """How points that are left out shall tell λv.
 
-    They lie farther apart than the voxels of the second level and ``SPARSE`` deviations. In denser
-    scans the noise is well known, but neighbours may share it, and then foretell each other's.
+    Each in turn where they lie farther apart than the voxels of the second level and ``SPARSE``
+    deviations. In denser scans a share of them, which finer levels see again: not where neighbours
+    ``shared`` their noise, and so foretell each other's, nor where it is wider than a voxel, and f
+    is no distance as far from the surface as points are.
     """
-    return len(resolutions) > 1 and noise.spacing > max(1 / resolutions[1], SPARSE * noise.position)
+    if len(resolutions) == 1:
+        return "none"
+    voxel = 1 / resolutions[1]
+    if noise.spacing > max(voxel, SPARSE * noise.position):
+        return "leave_one_out"
+    if shared or noise.position > voxel or not noise.spacing:
+        return "none"
+    return "held_out"
 
 
 def decide(
     config: ReconstructionConfig,
     weights: tuple[Weights, ...] | None = None,
-    *,
-    sparse: bool = False,
+    search: Search = "none",
 ) -> Settings:
     """``config`` with every None filled in: by ``weights`` if given, else by the profile.
 
-    λv of a ``sparse`` scan is looked for while solving, unless it is given.
+    λv is looked for while solving as ``search`` says, unless it is given.
     """
     if weights is None:
         weights = (PAPER_WEIGHTS if config.profile == "paper" else FAST_WEIGHTS,)
@@ -242,9 +254,9 @@ def decide(
         band_width=band_width,
     )
     merged = tuple(_merged(each, config.weights) for each in weights)
-    search = sparse and config.weights.viscosity is None
-    keeps = not sparse and config.profile == "fast"
-    return Settings(config, merged, schedule, search, keeps)
+    keeps = search != "leave_one_out" and config.profile == "fast"
+    searched: Search = search if config.weights.viscosity is None else "none"
+    return Settings(config, merged, schedule, searched, keeps)
 
 
 def _merged(defaults: Weights, asked: LossWeights) -> Weights:

@@ -16,12 +16,13 @@ from visco_core.config import ReconstructionConfig
 from visco_core.extract import extract_isosurface, supported_pieces
 from visco_core.frame import Normalisation
 from visco_core.grid.samples import spatial_order
+from visco_core.held_out import hold_out
 from visco_core.kernels import choose_backend
 from visco_core.multires import Problem, SolvedLevel, plan_resolutions, solve_levels
 from visco_core.noise import estimate_noise
 from visco_core.pointcloud import PointCloud
 from visco_core.postprocess import finish_mesh, with_confidence
-from visco_core.presets import SMOOTHED, Settings, decide, is_sparse, weights_for_noise
+from visco_core.presets import SMOOTHED, Settings, decide, viscosity_search, weights_for_noise
 from visco_core.progress import Check, ProgressCallback, ShouldStop
 from visco_core.remarks import remarks
 from visco_core.result import Mesh, Outcome, Reconstruction
@@ -74,7 +75,7 @@ def reconstruct(
     if normals is None or planes:
         with clock.phase("normals"):
             normals = _best_normals(points, normals, backend.threads, clock.check)
-    settings = decide(config)
+    settings, deviation = decide(config), 0.0
     if config.profile == "fast":
         with clock.phase("noise") as entry:
             noise = estimate_noise(
@@ -87,9 +88,15 @@ def reconstruct(
             )
         resolutions = plan_resolutions(config.resolution)
         weights = weights_for_noise(noise, resolutions, derived=derived, shared=planes)
-        settings = decide(config, weights, sparse=is_sparse(noise, resolutions))
+        search = viscosity_search(noise, resolutions, shared=planes)
+        settings, deviation = decide(config, weights, search=search), noise.position
     fitted = None if config.normals == "ignore" else normals
     problem = Problem(points, normals, fitted, settings)
+    if settings.search == "held_out":
+        dropped = cleaning.off_surface
+        dropped = PointCloud(frame.to_cube(dropped.points), dropped.normals)
+        given = points, normals, fitted, dropped, deviation, config.seed
+        problem = replace(problem, held_out=hold_out(*given))
 
     def surface(level: SolvedLevel) -> Mesh:
         found = extract_isosurface(level.grid, level.values)
@@ -140,6 +147,7 @@ def _report(
         "settings": {
             **asdict(settings.config),
             "weights": [asdict(weights) for weights in settings.weights],
+            "viscosity_search": settings.search,
             "schedule": asdict(settings.schedule),
         },
         "backend": backend_name,

@@ -79,3 +79,18 @@ def locate(
         slabs=backend.array(np.append(slabs, len(corners)).astype(np.int64)),
         total=len(points),
     )
+
+
+def corner_weights(local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What the corners count at places ``local`` (P, 3) in their voxels: (P, 8) and (P, 3, 8).
+
+    With them a trilinear field has its value there, and its slope along each axis, per voxel.
+    """
+    ends = [np.stack([1 - u, u], 1) for u in local.T]
+    step = np.broadcast_to(np.array([-1, 1], local.dtype), (len(local), 2))
+
+    def product(factors: list[np.ndarray]) -> np.ndarray:
+        return np.einsum("pi,pj,pk->pijk", *factors).reshape(-1, 8)
+
+    slopes = [product([*ends[:axis], step, *ends[axis + 1 :]]) for axis in range(3)]
+    return product(ends), np.stack(slopes, 1)

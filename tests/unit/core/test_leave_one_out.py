@@ -19,7 +19,7 @@ from visco_core.kernels import Backend
 from visco_core.leave_one_out import STEP, _error, _probe, choose_viscosity
 from visco_core.noise import Noise
 from visco_core.pointcloud import PointCloud
-from visco_core.presets import FAST_WEIGHTS, GREATEST_VISCOSITY, decide, is_sparse
+from visco_core.presets import FAST_WEIGHTS, GREATEST_VISCOSITY, decide, viscosity_search
 from visco_core.reconstruction import reconstruct
 from visco_core.solvers.gauss_newton import GaussNewton, GaussNewtonState
 from visco_core.solvers.loop import minimise
@@ -118,25 +118,33 @@ def test_backends_foretell_the_same(native_backend: Backend, reference_backend: 
     assert ours == pytest.approx(theirs, rel=1e-3)
 
 
-def sparse(position: float, spacing: float) -> bool:
-    return is_sparse(Noise(position, 0.1, 0.002, np.inf, spacing), [64, 128, 256])
+def search(position: float, spacing: float, levels: int = 3, shared: bool = False) -> str:
+    noise = Noise(position, 0.1, 0.002, np.inf, spacing)
+    return viscosity_search(noise, [64, 128, 256][:levels], shared=shared)
 
 
 def test_sparse_points_lie_farther_apart_than_voxels_and_noise() -> None:
-    assert sparse(0.001, 0.01)
-    assert sparse(0.0, 0.01)
-    assert not sparse(0.0, 0.007)
-    assert not sparse(0.002, 0.01)
-    assert not is_sparse(Noise(0.0, 0.1, 0.002, np.inf, 0.01), [64])
+    assert search(0.001, 0.01) == "leave_one_out"
+    assert search(0.0, 0.01, shared=True) == "leave_one_out"
+    assert search(0.0, 0.007) == "held_out"
+    assert search(0.002, 0.01, levels=2) == "held_out"
+
+
+def test_where_points_left_out_say_nothing_none_are() -> None:
+    assert search(0.0, 0.01, levels=1) == "none"
+    assert search(0.002, 0.003, shared=True) == "none"
+    assert search(0.008, 0.003) == "none"
+    assert search(0.0, 0.0) == "none"
 
 
 def test_a_viscosity_that_the_user_gives_is_not_looked_for() -> None:
-    found = decide(ReconstructionConfig(), sparse=True)
-    assert found.leave_one_out
+    found = decide(ReconstructionConfig(), search="leave_one_out")
+    assert found.search == "leave_one_out"
     assert not found.keeps
-    assert decide(ReconstructionConfig()).keeps
+    assert decide(ReconstructionConfig(), search="held_out").keeps
     given = ReconstructionConfig(weights=LossWeights(viscosity=1e-4))
-    assert not decide(given, sparse=True).leave_one_out
+    assert decide(given, search="leave_one_out").search == "none"
+    assert decide(given, search="held_out").search == "none"
 
 
 def noisy_torus() -> PointCloud:
@@ -147,6 +155,7 @@ def test_the_chosen_viscosity_stands_on_the_finer_levels_and_in_the_report() -> 
     found = reconstruct(noisy_torus())
     coarse, middle, fine = (w["viscosity"] for w in found.report["settings"]["weights"])
     assert fine == middle > 2 * coarse
+    assert found.report["settings"]["viscosity_search"] == "leave_one_out"
 
 
 def test_a_sparse_scan_comes_closer_to_the_surface(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,5 +166,5 @@ def test_a_sparse_scan_comes_closer_to_the_surface(monkeypatch: pytest.MonkeyPat
         return float(np.abs(shape.sdf(reconstruct(cloud).mesh.vertices)).mean())
 
     chosen = error()
-    monkeypatch.setattr("visco_core.reconstruction.is_sparse", lambda *_: False)
+    monkeypatch.setattr("visco_core.reconstruction.viscosity_search", lambda *_, **__: "none")
     assert chosen < 0.8 * error()

@@ -1,0 +1,187 @@
+"""λv of a dense scan is the one with which points that were held out are missed least."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from runs import Pace
+
+from visco_core import held_out
+from visco_core.config import ReconstructionConfig
+from visco_core.energy import Energy, spread
+from visco_core.frame import Normalisation
+from visco_core.gallery import SHAPES, Shape, uniform_scan
+from visco_core.grid.samples import corner_weights, locate
+from visco_core.grid.topology import dense_grid
+from visco_core.held_out import FARTHEST, FINER, HeldOut, choose_factor, hold_out
+from visco_core.initial import starting_values
+from visco_core.kernels import Array, Backend
+from visco_core.pointcloud import PointCloud
+from visco_core.presets import FAST_WEIGHTS, GREATEST_VISCOSITY, LEAST_VISCOSITY, decide
+from visco_core.reconstruction import reconstruct
+from visco_core.solvers.gauss_newton import GaussNewton
+
+VOXELS = 32
+NOTHING = PointCloud(np.empty((0, 3)))
+
+
+def parted(
+    count: int, dropped: PointCloud = NOTHING, fitted: bool = True
+) -> tuple[np.ndarray, HeldOut]:
+    """Points told by their x, and the same parted."""
+    points = np.zeros((count, 3))
+    points[:, 0] = np.arange(count)
+    normals = np.full((count, 3), 0.5, np.float32)
+    given = points, normals, normals if fitted else None
+    return points, hold_out(*given, dropped, 0.0, seed=0)
+
+
+def test_every_point_is_either_seen_or_held_out() -> None:
+    points, held = parted(20_000)
+    seen, fitted = held.seen
+    assert fitted is not None
+    assert len(fitted) == len(seen)
+    assert len(held.points) == len(held.normals) == pytest.approx(1000, abs=100)
+    together = np.sort(np.concatenate([seen, held.points])[:, 0])
+    np.testing.assert_array_equal(together, points[:, 0])
+    assert parted(20_000, fitted=False)[1].seen[1] is None
+
+
+def test_of_a_large_scan_no_more_are_held_out_than_are_needed() -> None:
+    assert len(parted(2_000_000)[1].points) == pytest.approx(held_out.MOST, rel=0.03)
+
+
+def test_what_cleaning_dropped_is_held_out_in_proportion_if_it_has_normals() -> None:
+    places = np.full((4000, 3), -1.0)
+    with_normals = parted(20_000, PointCloud(places, np.ones((4000, 3), np.float32)))[1]
+    assert (with_normals.points[:, 0] < 0).sum() == pytest.approx(200, abs=50)
+    assert len(with_normals.points) == len(with_normals.normals)
+    assert (with_normals.seen[0] >= 0).all()
+    assert (parted(20_000, PointCloud(places))[1].points >= 0).all()
+
+
+def test_corner_weights_give_a_trilinear_fields_value_and_slopes() -> None:
+    rng = np.random.default_rng(1)
+    local, corner = rng.random((50, 3)), rng.random((2, 2, 2))
+
+    def value(at: np.ndarray) -> np.ndarray:
+        x, y, z = at.T
+        low, high = ((1 - z) * c[..., 0, None] + z * c[..., 1, None] for c in corner)
+        low, high = ((1 - y) * c[0] + y * c[1] for c in (low, high))
+        return (1 - x) * low + x * high
+
+    weights, slopes = corner_weights(local)
+    np.testing.assert_allclose(weights @ corner.ravel(), value(local))
+    for axis, step in enumerate(1e-6 * np.eye(3)):
+        expected = (value(local + step) - value(local - step)) / 2e-6
+        np.testing.assert_allclose(slopes[:, axis] @ corner.ravel(), expected, atol=1e-8)
+
+
+def test_noisy_points_of_a_sphere_lie_outside_of_it_by_what_the_shift_takes_off(
+    backend: Backend,
+) -> None:
+    """By σ² times the mean curvature; a flatter f with the same surface has the same distances."""
+    radius, deviation, count = 0.3, 0.02, 200_000
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(count, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    exact = 0.5 + radius * normals
+    noisy = exact + deviation * rng.normal(size=(count, 3))
+    grid = dense_grid(backend, VOXELS + 1)
+    nodes = backend.numpy(grid.ijk) / VOXELS - 0.5
+    distance = np.append(np.linalg.norm(nodes, axis=1) - radius, 0).astype(np.float32)
+    field = backend.array(distance)
+    shift = spread(grid, field, deviation * VOXELS) - field
+
+    def mean(points: np.ndarray, field: Array, shift: Array) -> float:
+        samples = locate(grid, points, normals.astype(np.float32))
+        return float(held_out._distances(grid, field, shift, samples).mean())
+
+    bias, error = deviation**2 / radius, deviation / count**0.5
+    trilinear = mean(exact, field, 0 * shift)
+    assert mean(noisy, field, 0 * shift) - trilinear == pytest.approx(bias, abs=4 * error)
+    corrected = mean(noisy, field, shift)
+    assert corrected - trilinear == pytest.approx(0, abs=4 * error)
+    assert mean(noisy, field / 2, shift) == pytest.approx(corrected, abs=error)
+
+
+def least(less: float, more: float, scatter: float = 0.0, count: int = 10_000) -> float:
+    wave = scatter * (-1.0) ** np.arange(count)
+    return held_out._least(less + wave, more + wave)
+
+
+def test_the_least_of_a_parabola_is_found_within_an_octave() -> None:
+    assert least(3.0, 3.0) == pytest.approx(FINER)
+    # 4 (x + 1/2)²: its least lies half an octave down.
+    assert least(-1.0 + 1e-9, 8.0) == pytest.approx(FINER - 0.5 - 0.0625, abs=0.1)
+    assert least(3.0, 1.0) == FARTHEST
+    assert least(-5.0, 6.0) == -FARTHEST
+    assert least(-1.0, -2.0) == FARTHEST
+    assert least(-2.0, -1.0) == -FARTHEST
+
+
+def test_differences_within_their_errors_leave_the_viscosity_where_it_is() -> None:
+    assert abs(least(0.001, 0.0, scatter=100.0)) < 0.02
+
+
+class Scan:
+    """A noisy torus in the cube, and the level that λv is looked for on."""
+
+    def __init__(self, backend: Backend, count: int = 20_000) -> None:
+        cloud = uniform_scan(SHAPES["torus"](), count, noise=0.002, seed=2)
+        assert cloud.normals is not None
+        frame = Normalisation.of(cloud.points)
+        points = frame.to_cube(cloud.points)
+        extent = float(np.linalg.norm(np.ptp(cloud.points, axis=0)))
+        self.held = hold_out(
+            points, cloud.normals, cloud.normals, NOTHING, 0.002 * extent / frame.scale, seed=0
+        )
+        self.grid = dense_grid(backend, VOXELS + 1)
+        begin = starting_values(backend, points, cloud.normals, VOXELS)
+        self.begin, self.samples = backend.array(begin), locate(self.grid, points, cloud.normals)
+
+    def choose(self, viscosity: float, pace: Pace | None = None) -> float:
+        energy = Energy(self.grid, self.samples, replace(FAST_WEIGHTS, viscosity=viscosity))
+        solver = GaussNewton(3, 40)
+        return choose_factor(energy, self.begin, solver, pace or Pace(), self.held)
+
+
+def test_too_little_becomes_more_and_too_much_less(backend: Backend) -> None:
+    scan = Scan(backend)
+    assert scan.choose(1e-6) > 1.2
+    assert scan.choose(10.0) < 0.8
+
+
+def test_few_points_and_a_late_search_change_nothing(native_backend: Backend) -> None:
+    assert Scan(native_backend, 1000).choose(1e-6) == 1
+    for patience in range(0, 120, 20):
+        assert Scan(native_backend).choose(1e-6, Pace(patience=patience)) == 1
+
+
+def test_a_factor_stands_on_all_levels_but_the_coarsest_within_bounds() -> None:
+    weights = tuple(replace(FAST_WEIGHTS, viscosity=v) for v in (1e-4, 1e-4, 2e-4))
+    chosen = decide(ReconstructionConfig(), weights)
+    scaled = [w.viscosity for w in chosen.with_viscosity_times(0.5).weights]
+    assert scaled == [1e-4, 5e-5, 1e-4]
+    assert chosen.with_viscosity_times(1e9).weights[2].viscosity == GREATEST_VISCOSITY
+    assert chosen.with_viscosity_times(1e-9).weights[1].viscosity == LEAST_VISCOSITY
+
+
+@pytest.mark.parametrize(("name", "noise"), [("bumpy_torus", 0.001), ("torus", 0.002)])
+def test_a_dense_scan_comes_closer_to_the_surface(
+    name: str, noise: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """These are scans of which the law expects more bending than there is."""
+    shape: Shape = SHAPES[name]()
+    cloud = uniform_scan(shape, 50_000, noise=noise, normal_noise=9)
+
+    def run() -> tuple[float, dict[str, object]]:
+        found = reconstruct(cloud)
+        return float(np.abs(shape.sdf(found.mesh.vertices)).mean()), found.report["settings"]
+
+    chosen, told = run()
+    assert told["viscosity_search"] == "held_out"
+    monkeypatch.setattr("visco_core.reconstruction.viscosity_search", lambda *_, **__: "none")
+    assert chosen < 0.97 * run()[0]

@@ -1,0 +1,138 @@
+"""λv of a dense scan, by points that the solver has not seen.
+
+The coarsest level leaves a share of the points out, and the second is solved without them for half
+of its λv, λv and twice of it. Right is what misses these points least, on the mean of
+
+    (f(q)/a − (G f − f)(q))²,   a = mean ∇f(q)·n
+
+Here G is a Gaussian with the noise's deviation: beside a bent surface a point q = p + e of noisy
+coordinates does not lie at f = 0 on the mean, but at E f(p + e) = (G f)(p), that is by G f − f off.
+Division by the slope a makes distances of f, which is flatter the more its points contradict it.
+Then the second level is solved with all points and the λv that is best.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from visco_core.energy import Energy, spread
+from visco_core.grid.samples import Samples, corner_weights, locate
+from visco_core.grid.topology import Grid
+from visco_core.kernels import Array
+from visco_core.pointcloud import PointCloud
+from visco_core.solvers.gauss_newton import GaussNewtonState
+from visco_core.solvers.loop import Pace, Solver, minimise
+
+SHARE, MOST = 0.05, 30_000
+"""Of the points, held out; and how many suffice of a large scan."""
+
+FEWEST = 100
+"""Fewer points than this say nothing."""
+
+OFF = 15.0
+"""Over the median distance, how far points may be: what is farther away says nothing of λv."""
+
+FARTHEST, FINER = 1.0, 0.75
+"""Octaves of λv: how far from the law's it may go, and by how much more the finest level wants than
+points held out of the second tell. A mean of their squares hears more of creases, which want less,
+than the mean distance does."""
+
+DOUBT = 0.25
+"""Standard errors that an octave from the law's λv must be better by; of two octaves four times."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A scan parted in two.
+
+    ``seen``: points (P, 3) in [0, 1]³ and their fitted normals (P, 3) or None. ``points`` and
+    ``normals`` (H, 3): the others, and as large a share of those that cleaning has dropped, since
+    what it leaves has less noise than the scan. ``deviation`` of the noise, in units of the cube.
+    """
+
+    seen: tuple[np.ndarray, np.ndarray | None]
+    points: np.ndarray
+    normals: np.ndarray
+    deviation: float
+
+
+def hold_out(
+    points: np.ndarray,
+    normals: np.ndarray,
+    fitted: np.ndarray | None,
+    dropped: PointCloud,
+    deviation: float,
+    seed: int,
+) -> HeldOut:
+    """Parts ``points`` and ``normals`` (P, 3) and the ``dropped``, if they have both, at random."""
+    rng = np.random.default_rng(seed)
+    share = min(SHARE, MOST / len(points))
+    seen = rng.random(len(points)) >= share
+    held = points[~seen], normals[~seen]
+    if dropped.normals is not None:
+        others = rng.random(len(dropped)) < share
+        held = (
+            np.concatenate([held[0], dropped.points[others]]),
+            np.concatenate([held[1], dropped.normals[others]]),
+        )
+    return HeldOut(
+        (points[seen], None if fitted is None else fitted[seen]), *held, deviation=deviation
+    )
+
+
+def choose_factor(
+    energy: Energy,
+    begin: Array,
+    solver: Solver[GaussNewtonState],
+    pace: Pace,
+    held: HeldOut,
+) -> float:
+    """The factor of λv with which the points held out are missed least.
+
+    It is 1 where the pace is late or too few points are held out. A parabola through the errors of
+    half, once and twice λv, in log λv, says what is best; see ``FINER`` and ``DOUBT``. ``begin``
+    (N + 1,) must not have seen those points either. Raises Stopped.
+    """
+    grid, viscosity = energy.grid, energy.weights.viscosity
+    others = energy.with_samples(locate(grid, *held.seen, pace.check))
+    values = []
+    for factor in (1.0, 0.5, 2.0):
+        other = others.with_viscosity(weight=factor * viscosity)
+        values.append(minimise(solver, other, begin, pace, lambda _: None).values)
+        if pace.late():
+            return 1.0
+    samples = locate(grid, held.points, held.normals, pace.check)
+    blurred = spread(grid, values[0], held.deviation * grid.resolution, pace.check)
+    shift = blurred - values[0]
+    here, less, more = (np.square(_distances(grid, each, shift, samples)) for each in values)
+    near = here < OFF**2 * np.median(here)
+    if near.sum() < FEWEST:
+        return 1.0
+    return 2 ** _least(less[near] - here[near], more[near] - here[near])
+
+
+def _least(less: np.ndarray, more: np.ndarray) -> float:
+    """Octaves of λv to go, where half and twice of it miss the points (P,) by so much more.
+
+    The least of the parabola through 0 and their means, to which the doubt is added.
+    """
+    doubt = DOUBT * (less.std() + more.std()) / 2 / np.sqrt(len(less))
+    bent, slope = (less.mean() + more.mean()) / 2 + doubt, (more.mean() - less.mean()) / 2
+    if bent <= 0:
+        return -FARTHEST if slope > 0 else FARTHEST
+    best = -slope / 2 - doubt * FINER
+    return float(np.clip(best / bent + FINER, -FARTHEST, FARTHEST))
+
+
+def _distances(grid: Grid, values: Array, shift: Array, samples: Samples) -> np.ndarray:
+    """(P,) signed distances from the surface of ``values`` (N + 1,) less ``shift`` (N + 1,)."""
+    numpy = grid.backend.numpy
+    local, normals, starts = (numpy(a) for a in (samples.local, samples.normals, samples.starts))
+    corners = np.repeat(numpy(samples.corners), np.diff(starts), axis=0)
+    away, along = corner_weights(local)
+    slopes = np.einsum("pc,pac,pa->p", numpy(values)[corners], along, normals) * grid.resolution
+    offset = numpy(values / float(slopes.mean()) - shift)[corners]
+    distances: np.ndarray = np.einsum("pc,pc->p", offset, away)
+    return distances
