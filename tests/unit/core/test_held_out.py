@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from runs import Pace
+from runs import Pace, config
 
 from visco_core import held_out
+from visco_core.clock import Clock
 from visco_core.config import ReconstructionConfig
 from visco_core.energy import Energy, spread
 from visco_core.frame import Normalisation
-from visco_core.gallery import SHAPES, Shape, uniform_scan
+from visco_core.gallery import SHAPES, Shape, sphere, uniform_scan
 from visco_core.grid.samples import corner_weights, locate
 from visco_core.grid.topology import dense_grid
 from visco_core.held_out import FARTHEST, FINER, HeldOut, choose_factor, hold_out
 from visco_core.initial import starting_values
 from visco_core.kernels import Array, Backend
+from visco_core.multires import LevelPlan, Problem, solve_levels
 from visco_core.pointcloud import PointCloud
 from visco_core.presets import FAST_WEIGHTS, GREATEST_VISCOSITY, LEAST_VISCOSITY, decide
 from visco_core.reconstruction import reconstruct
@@ -158,6 +161,57 @@ def test_few_points_and_a_late_search_change_nothing(native_backend: Backend) ->
     assert Scan(native_backend, 1000).choose(1e-6) == 1
     for patience in range(0, 120, 20):
         assert Scan(native_backend).choose(1e-6, Pace(patience=patience)) == 1
+
+
+WEIGHTS = tuple(replace(FAST_WEIGHTS, viscosity=viscosity) for viscosity in (1e-4, 2e-4))
+
+
+def problem(config: ReconstructionConfig) -> Problem:
+    """Two levels of a sphere with some points held out."""
+    cloud = uniform_scan(sphere(), 3000)
+    assert cloud.normals is not None
+    points = 0.5 + 0.4 * cloud.points
+    given = points, cloud.normals, cloud.normals
+    parted = hold_out(*given, NOTHING, 0.0, seed=0)
+    return Problem(*given, decide(config, WEIGHTS), parted)
+
+
+def test_only_the_coarsest_level_does_without_the_points_held_out() -> None:
+    given = problem(config())
+    assert given.held_out is not None
+    points, normals = given.seen(0)
+    assert normals is not None
+    assert len(points) == len(normals) == len(given.points) - len(given.held_out.points)
+    assert given.seen(1)[0] is given.points
+    assert given.seen(1)[1] is given.fitted_normals
+
+
+@pytest.mark.parametrize("plenty", [True, False])
+def test_the_second_level_is_solved_with_the_factor_and_all_points(
+    plenty: bool, native_backend: Backend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[float] = []
+
+    def choose(energy: Energy, *_: object) -> float:
+        asked.append(energy.weights.viscosity)
+        return 3.0
+
+    monkeypatch.setattr(held_out, "choose_factor", choose)
+    monkeypatch.setattr(LevelPlan, "spares", lambda *_: plenty)
+    given = problem(config())
+    level, _ = solve_levels(native_backend, given, Clock(time.monotonic()))
+    assert asked == ([2e-4] if plenty else [])
+    assert level.samples.total == len(given.points)
+    fine = 2e-4 * (3 if plenty else 1)
+    assert [w.viscosity for w in level.settings.weights] == pytest.approx([1e-4, fine])
+
+
+def test_time_is_plenty_where_a_level_gets_so_many_times_what_it_takes() -> None:
+    clock = Clock(time.monotonic(), 100.0)
+    plan = LevelPlan(problem(config()).settings, clock, points=3000)
+    for times, plenty in ((5.0, True), (3.0, False)):
+        clock.start_slice(times * plan.cost(1))
+        assert plan.spares(1, 4.0) is plenty
 
 
 def test_a_factor_stands_on_all_levels_but_the_coarsest_within_bounds() -> None:
