@@ -206,11 +206,6 @@ class Energy:
             laplacian += low + high
         return float(self._scale * (slopes + np.square(self._laplace * laplacian).sum()))
 
-    def with_samples(self, samples: Samples) -> Energy:
-        """The same energy of other points."""
-        carried = self._target, self._stiffness
-        return Energy(self.grid, samples, self.weights, carried)
-
     def with_viscosity(
         self, *, weight: float | None = None, epsilon: float | None = None
     ) -> Energy:

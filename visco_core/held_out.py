@@ -1,14 +1,14 @@
 """λv of a dense scan, by points that the solver has not seen.
 
-The coarsest level leaves a share of the points out, and the second is solved without them for half
-of its λv, λv and twice of it. Right is what misses these points least, on the mean of
+The coarsest level is made to forget a share of the points, and the second is solved without them
+for half of its λv, λv and twice of it. Right is what misses these points least, on the mean of
 
     (f(q)/a − (G f − f)(q))²,   a = mean ∇f(q)·n
 
 Here G is a Gaussian with the noise's deviation: beside a bent surface a point q = p + e of noisy
 coordinates does not lie at f = 0 on the mean, but at E f(p + e) = (G f)(p), that is by G f − f off.
 Division by the slope a makes distances of f, which is flatter the more its points contradict it.
-Then the second level is solved with all points and the λv that is best.
+Then the second level is solved from the coarsest, with all points and the λv that is best.
 """
 
 from __future__ import annotations
@@ -92,14 +92,13 @@ def choose_factor(
     """The factor of λv with which the points held out are missed least.
 
     It is 1 where the pace is late or too few points are held out. A parabola through the errors of
-    half, once and twice λv, in log λv, says what is best; see ``FINER`` and ``DOUBT``. ``begin``
-    (N + 1,) must not have seen those points either. Raises Stopped.
+    half, once and twice λv, in log λv, says what is best; see ``FINER`` and ``DOUBT``. Neither
+    ``energy`` nor ``begin`` (N + 1,) may know those points. Raises Stopped.
     """
     grid, viscosity = energy.grid, energy.weights.viscosity
-    others = energy.with_samples(locate(grid, *held.seen, pace.check))
     values = []
     for factor in (1.0, 0.5, 2.0):
-        other = others.with_viscosity(weight=factor * viscosity)
+        other = energy.with_viscosity(weight=factor * viscosity)
         values.append(minimise(solver, other, begin, pace, lambda _: None).values)
         if pace.late():
             return 1.0

@@ -16,15 +16,16 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from visco_core import held_out, leave_one_out
 from visco_core.clock import Clock
 from visco_core.continuation import FARTHEST, continuation, freedom_of, towards
 from visco_core.energy import Energy, carry, nothing_carried
 from visco_core.errors import ResourceError
 from visco_core.grid.samples import Samples, locate
 from visco_core.grid.topology import Grid, dense_grid, keep_closed, refine
+from visco_core.held_out import HeldOut, choose_factor
 from visco_core.initial import starting_values
 from visco_core.kernels import Array, Backend
+from visco_core.leave_one_out import choose_viscosity
 from visco_core.presets import KEPT_OVER, Settings, Weights
 from visco_core.progress import Check
 from visco_core.result import Outcome
@@ -53,8 +54,8 @@ MULTILEVEL_STEPS, MULTILEVEL_SETUP_STEPS = 2, 120
 extracting and writing its surface, the least work that makes a level worth beginning, and, with the
 multilevel preconditioner that the coarsest level has, an iteration and its beginning."""
 
-SEARCH_COST = 4
-"""Solves of a level that looks for λv with points held out, its own counted."""
+SEARCH_COST, FORGETTING = 6, GaussNewton(2, 30)
+"""Of λv by points held out: the time needed, over the level's; how the coarsest forgets them."""
 
 GRACE_SECONDS = 1.0
 """How far beyond the budget the coarsest level may end: a late surface is better than none."""
@@ -64,25 +65,19 @@ GRACE_SECONDS = 1.0
 class Problem:
     """What is to be solved: points (P, 3) in [0, 1]³, normals (P, 3) to start from and to fit.
 
-    With ``held_out`` the coarsest level is solved without these, and the second looks for λv.
+    With ``held_out`` the second level looks for λv first.
     """
 
     points: np.ndarray
     start_normals: np.ndarray
     fitted_normals: np.ndarray | None
     settings: Settings
-    held_out: held_out.HeldOut | None = None
+    held_out: HeldOut | None = None
 
     def weights(self, level: int) -> Weights:
         """Those of the settings; missing normals must not be fitted as if they were zero."""
         weights = _entry(self.settings.weights, level)
         return weights if self.fitted_normals is not None else replace(weights, normal=0.0)
-
-    def seen(self, level: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """The points and fitted normals that ``level`` is solved with."""
-        if level == 0 and self.held_out is not None:
-            return self.held_out.seen
-        return self.points, self.fitted_normals
 
 
 @dataclass(frozen=True)
@@ -187,10 +182,6 @@ class LevelPlan:
         self.clock.start_slice(max(left * costs[0] / sum(costs), 0.0))
         self.expect(level, costs[0])
 
-    def spares(self, level: int, times: float) -> bool:
-        """Whether the time given to ``level`` is so many times what it takes."""
-        return times * self.cost(level) <= self.clock.slice_seconds
-
     def expect(self, level: int, seconds: float) -> None:
         """Tells the clock what is left: ``seconds`` on this level, then the later ones."""
         last = self._last_reachable(level)
@@ -278,16 +269,15 @@ def _solve_level(
     plan.start(level)
     with clock.phase("solve", resolution=resolution, nodes=len(grid)) as entry:
         started = time.monotonic()
-        samples = locate(grid, *problem.seen(level), clock.check)
+        samples = locate(grid, problem.points, problem.fitted_normals, clock.check)
         clock.check()
         energy = Energy(grid, samples, weights, carried)
         clock.check()
         plan.located(time.monotonic() - started)
         stages = plan.stages(level)
-        settings = problem.settings
-        if problem.held_out is not None and level == 1 and plan.spares(level, SEARCH_COST):
-            solver = stages[-1][1]
-            factor = held_out.choose_factor(energy, begun, solver, clock, problem.held_out)
+        settings, held = problem.settings, problem.held_out if level == 1 else None
+        if held and coarser and clock.slice_seconds >= SEARCH_COST * plan.cost(level):
+            factor = _search(plan, coarser, problem, held, backend)
             settings = settings.with_viscosity_times(factor)
             energy = energy.with_viscosity(weight=_entry(settings.weights, level).viscosity)
         reporter = _Reporter(plan, level)
@@ -295,13 +285,26 @@ def _solve_level(
         plan.measured(level, reporter.work, reporter.seconds)
         if settings.search == "leave_one_out" and level == 1:
             solver, seed = stages[-1][1], settings.config.seed
-            viscosity, state = leave_one_out.choose_viscosity(
-                energy, begun, state, solver, clock, seed
-            )
+            viscosity, state = choose_viscosity(energy, begun, state, solver, clock, seed)
             values = state.values
             settings = settings.with_viscosity_times(viscosity / energy.weights.viscosity)
         entry.update(steps=reporter.steps, iterations=reporter.work, **state.losses)
     return SolvedLevel(grid, keep_closed(grid, begun, values), samples, state.losses, settings)
+
+
+def _search(
+    plan: LevelPlan, coarser: SolvedLevel, problem: Problem, held: HeldOut, backend: Backend
+) -> float:
+    """The factor of λv that points tell which neither level has seen; see ``held_out.py``."""
+    clock, grid, weights = plan.clock, coarser.grid, problem.weights(1)
+    seen = locate(grid, *held.seen, clock.check)
+    energy = Energy(grid, seen, problem.weights(0))
+    forgotten = minimise(FORGETTING, energy, coarser.values, clock, lambda _: None).values
+    begin = replace(coarser, values=forgotten, samples=seen)
+    given = plan.resolutions[1], begin, weights, clock.check
+    grid, begun, carried = _begin(backend, problem, *given)
+    energy = Energy(grid, locate(grid, *held.seen, clock.check), weights, carried)
+    return choose_factor(energy, begun, plan.stages(1)[-1][1], clock, held)
 
 
 def _solve_stages(
