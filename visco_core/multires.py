@@ -274,13 +274,12 @@ def _solve_level(
         energy = Energy(grid, samples, weights, carried)
         clock.check()
         plan.located(time.monotonic() - started)
-        stages = plan.stages(level)
         settings, held = problem.settings, problem.held_out if level == 1 else None
         if held and coarser and clock.slice_seconds >= SEARCH_COST * plan.cost(level):
-            factor = _search(plan, coarser, problem, held, backend)
+            factor = _search(plan, coarser, problem, held)
             settings = settings.with_viscosity_times(factor)
             energy = energy.with_viscosity(weight=_entry(settings.weights, level).viscosity)
-        reporter = _Reporter(plan, level)
+        reporter, stages = _Reporter(plan, level), plan.stages(level)
         state, values = _solve_stages(energy, begun, stages, clock, reporter)
         plan.measured(level, reporter.work, reporter.seconds)
         if settings.search == "leave_one_out" and level == 1:
@@ -292,9 +291,7 @@ def _solve_level(
     return SolvedLevel(grid, keep_closed(grid, begun, values), samples, state.losses, settings)
 
 
-def _search(
-    plan: LevelPlan, coarser: SolvedLevel, problem: Problem, held: HeldOut, backend: Backend
-) -> float:
+def _search(plan: LevelPlan, coarser: SolvedLevel, problem: Problem, held: HeldOut) -> float:
     """The factor of λv that points tell which neither level has seen; see ``held_out.py``."""
     clock, grid, weights = plan.clock, coarser.grid, problem.weights(1)
     seen = locate(grid, *held.seen, clock.check)
@@ -302,7 +299,7 @@ def _search(
     forgotten = minimise(FORGETTING, energy, coarser.values, clock, lambda _: None).values
     begin = replace(coarser, values=forgotten, samples=seen)
     given = plan.resolutions[1], begin, weights, clock.check
-    grid, begun, carried = _begin(backend, problem, *given)
+    grid, begun, carried = _begin(grid.backend, problem, *given)
     energy = Energy(grid, locate(grid, *held.seen, clock.check), weights, carried)
     return choose_factor(energy, begun, plan.stages(1)[-1][1], clock, held)
 
