@@ -1,14 +1,15 @@
 """λv of a dense scan, by points that the solver has not seen.
 
-The coarsest level is made to forget a share of the points, and the second is solved without them
-for half of its λv, λv and twice of it. Right is what misses these points least, on the mean of
+The coarsest level is made to forget a share of the points, and the second, or the coarsest itself
+where noise is wide, is solved without them for half of its λv, λv and twice of it. Right is what
+misses these points least, on the mean of
 
     (f(q)/a − (G f − f)(q))²,   a = mean ∇f(q)·n
 
 Here G is a Gaussian with the noise's deviation: beside a bent surface a point q = p + e of noisy
 coordinates does not lie at f = 0 on the mean, but at E f(p + e) = (G f)(p), that is by G f − f off.
 Division by the slope a makes distances of f, which is flatter the more its points contradict it.
-Then the second level is solved from the coarsest, with all points and the λv that is best.
+Then the level is solved with all points and the λv that is best.
 """
 
 from __future__ import annotations
@@ -25,21 +26,21 @@ from visco_core.pointcloud import PointCloud
 from visco_core.solvers.gauss_newton import GaussNewtonState
 from visco_core.solvers.loop import Pace, Solver, minimise
 
-SHARE, MOST = 0.05, 30_000
-"""Of the points, held out; and how many suffice of a large scan."""
+SHARE, LARGEST_SHARE = 0.05, 0.1
+"""Of the points, held out; and of a small scan."""
 
-FEWEST = 100
-"""Fewer points than this say nothing."""
+FEWEST, ENOUGH, MOST = 100, 500, 30_000
+"""Points held out that say something, that are enough, and that suffice of a large scan."""
 
 OFF = 15.0
 """Over the median distance, how far points may be: what is farther away says nothing of λv."""
 
-FARTHEST, FINER = 1.0, 0.75
+FARTHEST, FINER = 1.0, 0.5
 """Octaves of λv: how far from the law's it may go, and by how much more the finest level wants than
-points held out of the second tell. A mean of their squares hears more of creases, which want less,
-than the mean distance does."""
+points held out of a coarser one tell. A mean of their squares hears more of creases, which want
+less, than the mean distance does."""
 
-DOUBT = 0.25
+DOUBT = 0.5
 """Standard errors that an octave from the law's λv must be better by; of two octaves four times."""
 
 
@@ -57,6 +58,14 @@ class HeldOut:
     normals: np.ndarray
     deviation: float
 
+    def level(self, resolutions: list[int]) -> int:
+        """On which λv is looked for: the second, or the coarsest if noise is wider than its voxels.
+
+        Smoothing then reaches so far that finer levels cannot make up for too much on the coarsest,
+        and f is no distance where their points are.
+        """
+        return int(self.deviation * resolutions[1] <= 1)
+
 
 def hold_out(
     points: np.ndarray,
@@ -68,7 +77,7 @@ def hold_out(
 ) -> HeldOut:
     """Parts ``points`` and ``normals`` (P, 3) and the ``dropped``, if they have both, at random."""
     rng = np.random.default_rng(seed)
-    share = min(SHARE, MOST / len(points))
+    share = min(np.clip(ENOUGH / len(points), SHARE, LARGEST_SHARE), MOST / len(points))
     seen = rng.random(len(points)) >= share
     held = points[~seen], normals[~seen]
     if dropped.normals is not None:

@@ -54,13 +54,13 @@ class Settings:
     search: Search = "none"
     keeps: bool = False
 
-    def with_viscosity_times(self, factor: float) -> Settings:
-        """The same with ``factor`` times λv on all levels but the coarsest, within its bounds."""
-        coarsest, *finer = self.weights
-        bounds = LEAST_VISCOSITY, GREATEST_VISCOSITY
+    def with_viscosity_times(self, factor: float, level: int) -> Settings:
+        """The same with ``factor`` times λv from ``level`` on, within its bounds."""
+        coarser, finer = self.weights[:level], self.weights[level:]
+        bounds = LEAST_VISCOSITY, 2 * GREATEST_VISCOSITY
         scaled = [float(np.clip(factor * each.viscosity, *bounds)) for each in finer]
         changed = (replace(w, viscosity=v) for w, v in zip(finer, scaled, strict=True))
-        return replace(self, weights=(coarsest, *changed))
+        return replace(self, weights=(*coarser, *changed))
 
 
 PAPER_WEIGHTS = Weights(
@@ -105,7 +105,8 @@ SHARED_NOISE = 0.37
 normals are planes through points has mostly been put together from views, which do not agree."""
 
 LEAST_VISCOSITY, GREATEST_VISCOSITY = 1e-6, 0.1
-"""λv below which stray pieces appear, and beyond which the levels' iterations do not suffice."""
+"""λv below which stray pieces appear, and beyond which the levels' iterations do not suffice for
+scans with little noise; points held out may ask for twice as much."""
 
 THIN_WALL, NEARER = 5.0, 0.6
 """λv^¼ over the radius, in units of the cube, at which other walls come near: with more they run
@@ -214,18 +215,14 @@ def viscosity_search(noise: Noise, resolutions: list[int], *, shared: bool = Fal
     """How points that are left out shall tell λv.
 
     Each in turn where they lie farther apart than the voxels of the second level and ``SPARSE``
-    deviations. In denser scans a share of them, which finer levels see again: not where neighbours
-    ``shared`` their noise, and so foretell each other's, nor where it is wider than a voxel, and f
-    is no distance as far from the surface as points are.
+    deviations. In denser scans a share of them, which the mesh is made of too: not where neighbours
+    ``shared`` their noise, and so foretell each other's.
     """
     if len(resolutions) == 1:
         return "none"
-    voxel = 1 / resolutions[1]
-    if noise.spacing > max(voxel, SPARSE * noise.position):
+    if noise.spacing > max(1 / resolutions[1], SPARSE * noise.position):
         return "leave_one_out"
-    if shared or noise.position > voxel or not noise.spacing:
-        return "none"
-    return "held_out"
+    return "none" if shared or not noise.spacing else "held_out"
 
 
 def decide(

@@ -18,7 +18,8 @@ from visco_core.frame import Normalisation
 from visco_core.grid.samples import spatial_order
 from visco_core.held_out import hold_out
 from visco_core.kernels import choose_backend
-from visco_core.multires import Problem, SolvedLevel, plan_resolutions, solve_levels
+from visco_core.level_plan import plan_resolutions
+from visco_core.multires import Problem, SolvedLevel, solve_levels
 from visco_core.noise import estimate_noise
 from visco_core.pointcloud import PointCloud
 from visco_core.postprocess import finish_mesh, with_confidence

@@ -18,7 +18,7 @@ CONTRACTS = tomllib.loads(SETTINGS.read_text())["tool"]["importlinter"]["contrac
 BREACHES = {
     "core-knows-no-service": ("visco_core/energy.py", "import fastapi"),
     "service-knows-no-solver": ("service/api/deps.py", "from visco_core.kernels import ROW"),
-    "core-layers": ("visco_core/grid/samples.py", "from visco_core.multires import COARSEST"),
+    "core-layers": ("visco_core/grid/samples.py", "from visco_core.level_plan import COARSEST"),
     "losses-are-the-specification": ("visco_core/losses.py", "import visco_core.kernels.reference"),
     "core-leaves": ("visco_core/config.py", "import numpy"),
 }

@@ -53,6 +53,11 @@ def test_every_point_is_either_seen_or_held_out() -> None:
     assert parted(20_000, fitted=False)[1].seen[1] is None
 
 
+def test_of_a_small_scan_more_are_held_out_but_no_more_than_a_tenth() -> None:
+    assert len(parted(7000)[1].points) == pytest.approx(500, abs=70)
+    assert len(parted(2000)[1].points) == pytest.approx(200, abs=45)
+
+
 def test_of_a_large_scan_no_more_are_held_out_than_are_needed() -> None:
     assert len(parted(2_000_000)[1].points) == pytest.approx(held_out.MOST, rel=0.03)
 
@@ -120,7 +125,7 @@ def test_the_least_of_a_parabola_is_found_within_an_octave() -> None:
     assert least(3.0, 3.0) == pytest.approx(FINER)
     # 4 (x + 1/2)²: its least lies half an octave down.
     assert least(-1.0 + 1e-9, 8.0) == pytest.approx(FINER - 0.5 - 0.0625, abs=0.1)
-    assert least(3.0, 1.0) == FARTHEST
+    assert least(2.5, 0.0) == FARTHEST
     assert least(-5.0, 6.0) == -FARTHEST
     assert least(-1.0, -2.0) == FARTHEST
     assert least(-2.0, -1.0) == -FARTHEST
@@ -168,21 +173,38 @@ def test_few_points_and_a_late_search_change_nothing(native_backend: Backend) ->
 WEIGHTS = tuple(replace(FAST_WEIGHTS, viscosity=viscosity) for viscosity in (1e-4, 2e-4))
 
 
-def problem(config: ReconstructionConfig) -> Problem:
+def problem(deviation: float = 0.0) -> Problem:
     """Two levels of a sphere with some points held out."""
     cloud = uniform_scan(sphere(), 3000)
     assert cloud.normals is not None
     points = 0.5 + 0.4 * cloud.points
     given = points, cloud.normals, cloud.normals
-    parted = hold_out(*given, NOTHING, 0.0, seed=0)
-    return Problem(*given, decide(config, WEIGHTS), parted)
+    parted = hold_out(*given, NOTHING, deviation, seed=0)
+    return Problem(*given, decide(config(), WEIGHTS), parted)
 
 
-@pytest.mark.parametrize("plenty", [True, False])
-def test_the_second_level_is_solved_with_the_factor_and_all_points(
-    plenty: bool, native_backend: Backend, monkeypatch: pytest.MonkeyPatch
+NARROW, WIDE = 0.0078, 0.0079
+"""Noise that is just as wide as a voxel of the second level, 1/128, or not."""
+
+
+@pytest.mark.parametrize(
+    ("deviation", "plenty", "first", "expected"),
+    [
+        (NARROW, True, [2e-4], [1e-4, 6e-4]),
+        (WIDE, True, [1e-4], [3e-4, 6e-4]),
+        (NARROW, False, [], [1e-4, 2e-4]),
+        (WIDE, False, [], [1e-4, 2e-4]),
+    ],
+)
+def test_a_level_and_the_finer_ones_are_solved_with_the_factor_and_all_points(
+    deviation: float,
+    plenty: bool,
+    first: list[float],
+    expected: list[float],
+    native_backend: Backend,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Looked for without the points held out, from a level that has forgotten them."""
+    """Looked for without the points held out, in wide noise on the coarsest level."""
     asked: list[tuple[float, int]] = []
 
     def choose(energy: Energy, *_: object) -> float:
@@ -190,15 +212,15 @@ def test_the_second_level_is_solved_with_the_factor_and_all_points(
         return 3.0
 
     monkeypatch.setattr("visco_core.multires.choose_factor", choose)
-    monkeypatch.setattr("visco_core.multires.SEARCH_COST", 0.0 if plenty else np.inf)
-    given = problem(config())
+    cost = 0.0 if plenty else np.inf
+    monkeypatch.setattr("visco_core.level_plan.SEARCH_COST", (cost, cost))
+    given = problem(deviation)
     assert given.held_out is not None
     level, _ = solve_levels(native_backend, given, Clock(time.monotonic(), 100.0))
     seen = len(given.points) - len(given.held_out.points)
-    assert asked == ([(2e-4, seen)] if plenty else [])
+    assert asked == [(viscosity, seen) for viscosity in first]
     assert level.samples.total == len(given.points)
-    fine = 2e-4 * (3 if plenty else 1)
-    assert [w.viscosity for w in level.settings.weights] == pytest.approx([1e-4, fine])
+    assert [w.viscosity for w in level.settings.weights] == pytest.approx(expected)
 
 
 def test_the_coarsest_level_forgets_the_points_held_out(native_backend: Backend) -> None:
@@ -218,20 +240,26 @@ def test_the_coarsest_level_forgets_the_points_held_out(native_backend: Backend)
     assert left < 0.3
 
 
-def test_a_factor_stands_on_all_levels_but_the_coarsest_within_bounds() -> None:
+def test_a_factor_stands_from_its_level_on_within_bounds() -> None:
     weights = tuple(replace(FAST_WEIGHTS, viscosity=v) for v in (1e-4, 1e-4, 2e-4))
     chosen = decide(ReconstructionConfig(), weights)
-    scaled = [w.viscosity for w in chosen.with_viscosity_times(0.5).weights]
-    assert scaled == [1e-4, 5e-5, 1e-4]
-    assert chosen.with_viscosity_times(1e9).weights[2].viscosity == GREATEST_VISCOSITY
-    assert chosen.with_viscosity_times(1e-9).weights[1].viscosity == LEAST_VISCOSITY
+
+    def scaled(factor: float, level: int) -> list[float]:
+        return [w.viscosity for w in chosen.with_viscosity_times(factor, level).weights]
+
+    assert scaled(0.5, level=1) == [1e-4, 5e-5, 1e-4]
+    assert scaled(0.5, level=0) == [5e-5, 5e-5, 1e-4]
+    assert scaled(1e9, level=1) == [1e-4, 2 * GREATEST_VISCOSITY, 2 * GREATEST_VISCOSITY]
+    assert scaled(1e-9, level=2) == [1e-4, 1e-4, LEAST_VISCOSITY]
 
 
-@pytest.mark.parametrize(("name", "noise"), [("bumpy_torus", 0.001), ("torus", 0.002)])
+@pytest.mark.parametrize(
+    ("name", "noise"), [("bumpy_torus", 0.001), ("torus", 0.002), ("bumpy_torus", 0.01)]
+)
 def test_a_dense_scan_comes_closer_to_the_surface(
     name: str, noise: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """These are scans of which the law expects more bending than there is."""
+    """These are scans of which the law expects more bending than there is, or less."""
     shape: Shape = SHAPES[name]()
     cloud = uniform_scan(shape, 50_000, noise=noise, normal_noise=9)
 

@@ -21,13 +21,8 @@ from visco_core.gallery import SHAPES, sphere, uniform_scan
 from visco_core.grid.samples import locate
 from visco_core.grid.topology import dense_grid
 from visco_core.kernels import Backend
-from visco_core.multires import (
-    LevelPlan,
-    Problem,
-    SolvedLevel,
-    plan_resolutions,
-    solve_levels,
-)
+from visco_core.level_plan import SEARCH_COST, LevelPlan, plan_resolutions
+from visco_core.multires import Problem, SolvedLevel, solve_levels
 from visco_core.noise import Noise
 from visco_core.presets import PAPER_EPOCHS, Settings, decide, weights_for_noise
 from visco_core.progress import Progress
@@ -127,7 +122,7 @@ def test_progress_counts_levels_and_steps_and_never_falls(record: Record) -> Non
 def test_after_the_first_level_the_time_left_is_by_measured_speed_alone(
     native_backend: Backend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("visco_core.multires.SECONDS_PER_NODE_STEP", 1.0)
+    monkeypatch.setattr("visco_core.level_plan.SECONDS_PER_NODE_STEP", 1.0)
     told = Record(native_backend).progress
     refining = next(i for i, progress in enumerate(told) if progress.phase == "refine")
     assert all((progress.remaining_seconds or 1e9) > 1e5 for progress in told[:refining])
@@ -210,6 +205,24 @@ def test_the_least_of_a_level_is_never_more_than_all_of_it(profile: Any, few: in
     plan = plan_of(settings(1024, schedule, profile=profile))
     for level in range(len(plan.resolutions)):
         assert plan.cost(level, least=True) <= plan.cost(level)
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_the_viscosity_is_looked_for_with_what_the_levels_leave_of_the_time(level: int) -> None:
+    chosen = settings(256)
+    free = plan_of(chosen)
+    levels = sum(free.cost(k) for k in range(level, 3)) + free.finish_seconds(2)
+    search = SEARCH_COST[level] * free.cost(level)
+    enough = plan_of(chosen, new_clock(budget_seconds=levels + search + 1))
+    assert enough.start_search(level)
+    assert enough.clock.slice_seconds == pytest.approx(search + 1, abs=0.5)
+    short = plan_of(chosen, new_clock(budget_seconds=levels + 0.5 * search))
+    short.start(level)
+    before = short.clock.slice_seconds
+    assert not short.start_search(level)
+    assert short.clock.slice_seconds == pytest.approx(before, abs=0.5)
+    assert free.start_search(level)
+    assert free.clock.slice_seconds == np.inf
 
 
 def test_points_cost_time_on_every_level() -> None:

@@ -11,7 +11,7 @@ from disguised import disguised_device
 from kernel_inputs import INPUTS, TOPOLOGIES
 from test_kernels import call
 
-from visco_core import ReconstructionConfig, multires, reconstruct, reconstruction
+from visco_core import ReconstructionConfig, level_plan, reconstruct, reconstruction
 from visco_core.gallery import sphere, uniform_scan
 from visco_core.kernels import Backend, reference
 
@@ -47,8 +47,8 @@ def test_a_kernel_keeps_to_the_device_of_its_arrays(
 def test_a_whole_reconstruction_keeps_to_its_device(
     options: dict[str, object], elsewhere: Backend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(multires, "COARSEST", 16)
-    monkeypatch.setattr(multires, "COARSEST_AT_MOST", 24)
+    monkeypatch.setattr(level_plan, "COARSEST", 16)
+    monkeypatch.setattr(level_plan, "COARSEST_AT_MOST", 24)
     short = {"resolution": 64, "outer_steps": [1], "inner_steps": [4], "iterations": 2}
     config = ReconstructionConfig.from_options(
         {**short, "epochs": [1], **options}, backend="reference", device="cpu", threads=1
