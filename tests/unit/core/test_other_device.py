@@ -43,18 +43,33 @@ def test_a_kernel_keeps_to_the_device_of_its_arrays(
         np.testing.assert_array_equal(ours, expected)
 
 
-@pytest.mark.parametrize("options", [{"lambda_c": 1e-6}, {"profile": "paper"}], ids=str)
+@pytest.mark.parametrize(
+    ("options", "noise", "search"),
+    [
+        ({"lambda_c": 1e-6}, 0.0, "leave_one_out"),
+        ({"profile": "paper"}, 0.0, "none"),
+        ({}, 0.01, "held_out"),
+        ({}, 0.03, "held_out"),
+    ],
+    ids=str,
+)
 def test_a_whole_reconstruction_keeps_to_its_device(
-    options: dict[str, object], elsewhere: Backend, monkeypatch: pytest.MonkeyPatch
+    options: dict[str, object],
+    noise: float,
+    search: str,
+    elsewhere: Backend,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """Points are held out of the second level, or of the coarsest where noise is wide."""
     monkeypatch.setattr(level_plan, "COARSEST", 16)
     monkeypatch.setattr(level_plan, "COARSEST_AT_MOST", 24)
     short = {"resolution": 64, "outer_steps": [1], "inner_steps": [4], "iterations": 2}
     config = ReconstructionConfig.from_options(
         {**short, "epochs": [1], **options}, backend="reference", device="cpu", threads=1
     )
-    cloud = uniform_scan(sphere(), 2000)
+    cloud = uniform_scan(sphere(), 2000, noise=noise)
     expected = reconstruct(cloud, config)
+    assert expected.report["settings"]["viscosity_search"] == search
     monkeypatch.setattr(reconstruction, "choose_backend", lambda *_: elsewhere)
     found = reconstruct(cloud, config)
     assert found.report["backend"] == f"reference on {elsewhere.device}"
