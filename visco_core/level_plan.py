@@ -45,7 +45,8 @@ GRACE_SECONDS = 1.0
 """How far beyond the budget the coarsest level may end: a late surface is better than none."""
 
 SEARCH_COST = 1.5, 6.0
-"""Of looking for λv on the coarsest level and on the second, over the level's own."""
+"""What looking for λv by points held out costs at most, over the level's own cost: on the coarsest
+level and on the second."""
 
 
 def plan_resolutions(resolution: int) -> list[int]:

@@ -184,7 +184,7 @@ def problem(deviation: float = 0.0) -> Problem:
 
 
 NARROW, WIDE = 0.0078, 0.0079
-"""Noise that is just as wide as a voxel of the second level, 1/128, or not."""
+"""Noise just narrower and just wider than a voxel of the second level, 1/128."""
 
 
 @pytest.mark.parametrize(
