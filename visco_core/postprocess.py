@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from visco_core.config import ReconstructionConfig
-from visco_core.errors import InputError
 from visco_core.io.faces import vertex_normals
 from visco_core.neighbours import Neighbours
 from visco_core.pointcloud import PointCloud
 from visco_core.progress import Check, never
 from visco_core.result import Mesh
+from visco_core.trim import trim
 
 CARRIED_FROM = 4
 """How many points a vertex takes its colour from: one alone would leave jagged borders."""
@@ -33,29 +33,6 @@ def finish_mesh(
     if cloud.colors is not None or cloud.scalars:
         mesh = carry_attributes(mesh, cloud, threads, check)
     return mesh
-
-
-def trim(
-    mesh: Mesh, points: np.ndarray, distance: float, threads: int = -1, check: Check = never
-) -> Mesh:
-    """``mesh`` without the faces that have a vertex farther than ``distance`` from every point.
-
-    Raises InputError (``trim_removes_all``) when nothing would be left.
-    """
-    nearest = Neighbours(points, threads, check).nearest(mesh.vertices, within=distance)[0][:, 0]
-    faces = mesh.faces[np.isfinite(nearest)[mesh.faces].all(1)]
-    check()
-    if not len(faces):
-        raise InputError(
-            "trim_removes_all",
-            f"Trimming at {distance:g} removes the whole mesh; use a larger one.",
-        )
-    used, faces = np.unique(faces, return_inverse=True)
-    return Mesh(
-        mesh.vertices[used],
-        faces.reshape(-1, 3).astype(np.int32),
-        None if mesh.normals is None else mesh.normals[used],
-    )
 
 
 def decimate(mesh: Mesh, triangles: int) -> Mesh:

@@ -18,10 +18,10 @@ from visco_core.postprocess import (
     carry_attributes,
     decimate,
     finish_mesh,
-    trim,
     with_confidence,
 )
 from visco_core.result import Mesh
+from visco_core.trim import LEAST_CUT, trim
 
 
 @pytest.fixture(scope="module")
@@ -50,12 +50,49 @@ def test_trim_opens_the_mesh_and_keeps_only_what_is_near_a_point(
     assert health["boundary_edges"] > 20
     assert (health["components"], health["nonmanifold_edges"]) == (1, 0)
     assert health["unused_vertices"] == 0
-    assert nearest_distance(trimmed.vertices, half_scan.points)[0].max() <= 0.1
+    edge = np.linalg.norm(np.ptp(ball.vertices[ball.faces], axis=1), axis=1).max()
+    away = nearest_distance(trimmed.vertices, half_scan.points)[0]
+    assert 0.09 < away.max() <= 0.1 + LEAST_CUT * edge
     assert -0.12 < trimmed.vertices[:, 2].min() < 0
     assert trimmed.vertices[:, 2].max() == ball.vertices[:, 2].max()
     assert trimmed.normals is not None
     arms = trimmed.vertices / np.linalg.norm(trimmed.vertices, axis=1, keepdims=True)
     np.testing.assert_allclose(trimmed.normals, arms, atol=1e-3)
+
+
+def test_a_trimmed_border_is_smooth(ball: Mesh) -> None:
+    """It runs where the distance says, through the faces, and leaves no slivers."""
+    pole = np.array([[0.0, 0, 1]])
+    trimmed = trim(ball, pole, 1.0)
+    rim = trimmed.vertices[boundary_vertices(trimmed)]
+    edge = np.linalg.norm(np.ptp(ball.vertices[ball.faces], axis=1), axis=1).max()
+    assert len(rim) > 20
+    assert np.abs(np.linalg.norm(rim - pole, axis=1) - 1).max() < LEAST_CUT * edge
+    assert smallest_angle(trimmed) > 0.1 * smallest_angle(ball)
+    whole = mesh_health(trimmed)
+    assert (whole["oriented"], whole["components"], whole["collapsed_faces"]) == (True, 1, 0)
+    assert whole["euler_number"] == 1
+    # A cap of height h has the area 2πh.
+    corners = trimmed.vertices[trimmed.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    np.testing.assert_allclose(np.linalg.norm(across, axis=1).sum() / 2, np.pi, rtol=0.02)
+    assert (np.einsum("fi,fi->f", across, corners.mean(1)) > 0).all()
+
+
+def boundary_vertices(mesh: Mesh) -> np.ndarray:
+    edges = np.sort(
+        np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]), 1
+    )
+    once, counts = np.unique(edges, axis=0, return_counts=True)
+    return np.unique(once[counts == 1])
+
+
+def smallest_angle(mesh: Mesh) -> float:
+    corners = mesh.vertices[mesh.faces]
+    sides = np.roll(corners, -1, axis=1) - corners
+    sides /= np.linalg.norm(sides, axis=2, keepdims=True)
+    cosines = -np.einsum("fki,fki->fk", sides, np.roll(sides, 1, axis=1))
+    return float(np.arccos(np.clip(cosines, -1, 1)).min())
 
 
 def test_a_wide_trim_removes_nothing(ball: Mesh, half_scan: PointCloud) -> None:

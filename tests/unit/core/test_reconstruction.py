@@ -227,7 +227,10 @@ def test_trim_opens_the_mesh_where_nothing_was_scanned(ball: PointCloud) -> None
     opened = reconstruct(half, config(trim=0.15)).mesh
     assert mesh_health(opened)["boundary_edges"] > 100
     assert len(opened.faces) < len(closed.mesh.faces)
-    assert nearest_distance(opened.vertices, half.points)[0].max() <= 0.15
+    # An edge of the mesh is no longer than a voxel's diagonal.
+    assert nearest_distance(opened.vertices, half.points)[0].max() <= 0.15 + 0.1 * 3**0.5 * voxel(
+        closed
+    )
     assert nearest_distance(closed.mesh.vertices, half.points)[0].max() > 0.5
     (note,) = closed.notes
     assert re.match(r"[23]\d % of the surface lies where the scan has no points; trim=0\.", note)
