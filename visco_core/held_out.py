@@ -19,10 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from visco_core.energy import Energy, spread
-from visco_core.grid.samples import Samples, corner_weights, locate
+from visco_core.grid.samples import Samples, at_corners, corner_weights, locate
 from visco_core.grid.topology import Grid
 from visco_core.kernels import Array
+from visco_core.noise import Noise
 from visco_core.pointcloud import PointCloud
+from visco_core.presets import FAR_OFF
 from visco_core.solvers.gauss_newton import GaussNewtonState
 from visco_core.solvers.loop import Pace, Solver, minimise
 
@@ -31,9 +33,6 @@ SHARE, LARGEST_SHARE = 0.05, 0.1
 
 FEWEST, ENOUGH, MOST = 100, 500, 30_000
 """Points held out that say something, that are enough, and that suffice of a large scan."""
-
-OFF = 15.0
-"""Over the median distance, how far points may be: what is farther away says nothing of λv."""
 
 FARTHEST, FINER = 1.0, 0.5
 """Octaves of λv: how far from the law's it may go, and by how much more the finest level wants than
@@ -50,21 +49,24 @@ class HeldOut:
 
     ``seen``: points (P, 3) in [0, 1]³ and their fitted normals (P, 3) or None. ``points`` and
     ``normals`` (H, 3): the others, and as large a share of those that cleaning has dropped, since
-    what it leaves has less noise than the scan. ``deviation`` of the noise, in units of the cube.
+    what it leaves has less noise than the scan. ``deviation`` of the noise and ``spacing`` of the
+    points, in units of the cube.
     """
 
     seen: tuple[np.ndarray, np.ndarray | None]
     points: np.ndarray
     normals: np.ndarray
     deviation: float
+    spacing: float
 
     def level(self, resolutions: list[int]) -> int:
-        """On which λv is looked for: the second, or the coarsest if noise is wider than its voxels.
+        """On which λv is looked for: the second, or the coarsest if noise is wider than a voxel of
+        the second, or points lie farther apart.
 
-        Smoothing then reaches so far that finer levels cannot make up for too much on the coarsest,
-        and f is no distance where their points are.
+        Smoothing then reaches so far that finer levels cannot make up for too much or too little on
+        the coarsest; in such noise f is no distance on them where the outermost points are.
         """
-        return int(self.deviation * resolutions[1] <= 1)
+        return int(max(self.deviation, self.spacing) * resolutions[1] <= 1)
 
 
 def hold_out(
@@ -72,7 +74,7 @@ def hold_out(
     normals: np.ndarray,
     fitted: np.ndarray | None,
     dropped: PointCloud,
-    deviation: float,
+    noise: Noise,
     seed: int,
 ) -> HeldOut:
     """Parts ``points`` and ``normals`` (P, 3) and the ``dropped``, if they have both, at random."""
@@ -86,9 +88,8 @@ def hold_out(
             np.concatenate([held[0], dropped.points[others]]),
             np.concatenate([held[1], dropped.normals[others]]),
         )
-    return HeldOut(
-        (points[seen], None if fitted is None else fitted[seen]), *held, deviation=deviation
-    )
+    known = points[seen], None if fitted is None else fitted[seen]
+    return HeldOut(known, *held, deviation=noise.position, spacing=noise.spacing)
 
 
 def choose_factor(
@@ -101,24 +102,33 @@ def choose_factor(
     """The factor of λv with which the points held out are missed least.
 
     It is 1 where the pace is late or too few points are held out. A parabola through the errors of
-    half, once and twice λv, in log λv, says what is best; see ``FINER`` and ``DOUBT``. Neither
+    half, once and twice λv, in log λv, says what is best; see ``FINER`` and ``DOUBT``. Where that
+    is half, and one through a quarter, half and once says half again, it is a quarter. Neither
     ``energy`` nor ``begin`` (N + 1,) may know those points. Raises Stopped.
     """
     grid, viscosity = energy.grid, energy.weights.viscosity
-    values = []
-    for factor in (1.0, 0.5, 2.0):
-        other = energy.with_viscosity(weight=factor * viscosity)
-        values.append(minimise(solver, other, begin, pace, lambda _: None).values)
-        if pace.late():
-            return 1.0
     samples = locate(grid, held.points, held.normals, pace.check)
-    blurred = spread(grid, values[0], held.deviation * grid.resolution, pace.check)
-    shift = blurred - values[0]
-    here, less, more = (np.square(_distances(grid, each, shift, samples)) for each in values)
-    near = here < OFF**2 * np.median(here)
-    if near.sum() < FEWEST:
+
+    def solved(octave: float) -> Array:
+        other = energy.with_viscosity(weight=2**octave * viscosity)
+        return minimise(solver, other, begin, pace, lambda _: None).values
+
+    def missed(values: Array) -> np.ndarray:
+        return np.square(_distances(grid, values, shift, samples))
+
+    values = solved(0)
+    shift = spread(grid, values, held.deviation * grid.resolution, pace.check) - values
+    here, less, more = missed(values), missed(solved(-1)), missed(solved(1))
+    near = here < FAR_OFF**2 * np.median(here)
+    if pace.late() or near.sum() < FEWEST:
         return 1.0
-    return 2 ** _least(less[near] - here[near], more[near] - here[near])
+    octave = _least(less[near] - here[near], more[near] - here[near])
+    if octave == -FARTHEST:
+        least = missed(solved(-2))
+        again = _least(least[near] - less[near], here[near] - less[near])
+        if again == -FARTHEST and not pace.late():
+            octave += again
+    return 2**octave
 
 
 def _least(less: np.ndarray, more: np.ndarray) -> float:
@@ -137,10 +147,9 @@ def _least(less: np.ndarray, more: np.ndarray) -> float:
 def _distances(grid: Grid, values: Array, shift: Array, samples: Samples) -> np.ndarray:
     """(P,) signed distances from the surface of ``values`` (N + 1,) less ``shift`` (N + 1,)."""
     numpy = grid.backend.numpy
-    local, normals, starts = (numpy(a) for a in (samples.local, samples.normals, samples.starts))
-    corners = np.repeat(numpy(samples.corners), np.diff(starts), axis=0)
-    away, along = corner_weights(local)
-    slopes = np.einsum("pc,pac,pa->p", numpy(values)[corners], along, normals) * grid.resolution
-    offset = numpy(values / float(slopes.mean()) - shift)[corners]
+    away, along = corner_weights(numpy(samples.local))
+    given = at_corners(grid, samples, values), along, numpy(samples.normals)
+    slope = float(np.einsum("pc,pac,pa->p", *given).mean()) * grid.resolution
+    offset = at_corners(grid, samples, values / slope - shift)
     distances: np.ndarray = np.einsum("pc,pc->p", offset, away)
     return distances

@@ -125,6 +125,10 @@ SPARSE = 6.0
 """Deviations of the noise from which on points lie far apart: a surface can hardly fold so as to
 follow their noise, so it tells what it makes of points that are left out."""
 
+FAR_OFF = 15.0
+"""Over the median distance from the surface, how far points may be that λv is looked for by: what
+is farther away says nothing of it."""
+
 SHARED_NORMAL_ERROR, SHARED_IN_HOLES = 0.07, 0.135
 """Error of the normals, in radians, that neighbours share and that their scatter does not show:
 what a scanner's normals are smoothed by. On the coarsest level normals lead the surface far from

@@ -76,7 +76,7 @@ def reconstruct(
     if normals is None or planes:
         with clock.phase("normals"):
             normals = _best_normals(points, normals, backend.threads, clock.check)
-    settings, deviation = decide(config), 0.0
+    settings, noise = decide(config), None
     if config.profile == "fast":
         with clock.phase("noise") as entry:
             noise = estimate_noise(
@@ -90,13 +90,13 @@ def reconstruct(
         resolutions = plan_resolutions(config.resolution)
         weights = weights_for_noise(noise, resolutions, derived=derived, shared=planes)
         search = viscosity_search(noise, resolutions, shared=planes)
-        settings, deviation = decide(config, weights, search=search), noise.position
+        settings = decide(config, weights, search=search)
     fitted = None if config.normals == "ignore" else normals
     problem = Problem(points, normals, fitted, settings)
-    if settings.search == "held_out":
+    if noise is not None and settings.search == "held_out":
         dropped = cleaning.off_surface
         dropped = PointCloud(frame.to_cube(dropped.points), dropped.normals)
-        given = points, normals, fitted, dropped, deviation, config.seed
+        given = points, normals, fitted, dropped, noise, config.seed
         problem = replace(problem, held_out=hold_out(*given))
 
     def surface(level: SolvedLevel) -> Mesh:

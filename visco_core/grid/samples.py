@@ -94,3 +94,10 @@ def corner_weights(local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     slopes = [product([*ends[:axis], step, *ends[axis + 1 :]]) for axis in range(3)]
     return product(ends), np.stack(slopes, 1)
+
+
+def at_corners(grid: Grid, samples: Samples, values: Array) -> np.ndarray:
+    """(P, 8): ``values`` (N + 1,) of the corners of each point's voxel."""
+    numpy = grid.backend.numpy
+    corners: np.ndarray = numpy(values)[numpy(samples.corners)]
+    return np.repeat(corners, np.diff(numpy(samples.starts)), axis=0)

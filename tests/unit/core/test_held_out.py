@@ -21,6 +21,7 @@ from visco_core.held_out import FARTHEST, FINER, HeldOut, choose_factor, hold_ou
 from visco_core.initial import starting_values
 from visco_core.kernels import Array, Backend
 from visco_core.multires import FORGETTING, Problem, solve_levels
+from visco_core.noise import Noise
 from visco_core.pointcloud import PointCloud
 from visco_core.presets import FAST_WEIGHTS, GREATEST_VISCOSITY, LEAST_VISCOSITY, decide
 from visco_core.reconstruction import reconstruct
@@ -31,6 +32,10 @@ VOXELS = 32
 NOTHING = PointCloud(np.empty((0, 3)))
 
 
+def noise(position: float = 0.0, spacing: float = 0.0) -> Noise:
+    return Noise(position, 0.1, 0.002, np.inf, spacing)
+
+
 def parted(
     count: int, dropped: PointCloud = NOTHING, fitted: bool = True
 ) -> tuple[np.ndarray, HeldOut]:
@@ -39,7 +44,7 @@ def parted(
     points[:, 0] = np.arange(count)
     normals = np.full((count, 3), 0.5, np.float32)
     given = points, normals, normals if fitted else None
-    return points, hold_out(*given, dropped, 0.0, seed=0)
+    return points, hold_out(*given, dropped, noise(), seed=0)
 
 
 def test_every_point_is_either_seen_or_held_out() -> None:
@@ -144,9 +149,8 @@ class Scan:
         frame = Normalisation.of(cloud.points)
         points = frame.to_cube(cloud.points)
         extent = float(np.linalg.norm(np.ptp(cloud.points, axis=0)))
-        self.held = hold_out(
-            points, cloud.normals, cloud.normals, NOTHING, 0.002 * extent / frame.scale, seed=0
-        )
+        told = noise(0.002 * extent / frame.scale)
+        self.held = hold_out(points, cloud.normals, cloud.normals, NOTHING, told, seed=0)
         self.grid = dense_grid(backend, VOXELS + 1)
         begin = starting_values(backend, points, cloud.normals, VOXELS)
         self.begin, self.samples = backend.array(begin), locate(self.grid, points, cloud.normals)
@@ -161,7 +165,15 @@ class Scan:
 def test_too_little_becomes_more_and_too_much_less(backend: Backend) -> None:
     scan = Scan(backend)
     assert scan.choose(1e-6) > 1.2
-    assert scan.choose(10.0) < 0.8
+    assert scan.choose(10.0) == 0.25
+
+
+def test_a_quarter_has_to_be_as_much_better_than_half(
+    native_backend: Backend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = iter([-FARTHEST, -0.9 * FARTHEST])
+    monkeypatch.setattr(held_out, "_least", lambda *_: next(told))
+    assert Scan(native_backend).choose(10.0) == 0.5
 
 
 def test_few_points_and_a_late_search_change_nothing(native_backend: Backend) -> None:
@@ -173,38 +185,39 @@ def test_few_points_and_a_late_search_change_nothing(native_backend: Backend) ->
 WEIGHTS = tuple(replace(FAST_WEIGHTS, viscosity=viscosity) for viscosity in (1e-4, 2e-4))
 
 
-def problem(deviation: float = 0.0) -> Problem:
+def problem(told: Noise) -> Problem:
     """Two levels of a sphere with some points held out."""
     cloud = uniform_scan(sphere(), 3000)
     assert cloud.normals is not None
     points = 0.5 + 0.4 * cloud.points
     given = points, cloud.normals, cloud.normals
-    parted = hold_out(*given, NOTHING, deviation, seed=0)
+    parted = hold_out(*given, NOTHING, told, seed=0)
     return Problem(*given, decide(config(), WEIGHTS), parted)
 
 
 NARROW, WIDE = 0.0078, 0.0079
-"""Noise just narrower and just wider than a voxel of the second level, 1/128."""
+"""Just less and just more than a voxel of the second level, 1/128."""
 
 
 @pytest.mark.parametrize(
-    ("deviation", "plenty", "first", "expected"),
+    ("told", "plenty", "first", "expected"),
     [
-        (NARROW, True, [2e-4], [1e-4, 6e-4]),
-        (WIDE, True, [1e-4], [3e-4, 6e-4]),
-        (NARROW, False, [], [1e-4, 2e-4]),
-        (WIDE, False, [], [1e-4, 2e-4]),
+        (noise(NARROW, NARROW), True, [2e-4], [1e-4, 6e-4]),
+        (noise(position=WIDE), True, [1e-4], [3e-4, 6e-4]),
+        (noise(spacing=WIDE), True, [1e-4], [3e-4, 6e-4]),
+        (noise(), False, [], [1e-4, 2e-4]),
+        (noise(position=WIDE), False, [], [1e-4, 2e-4]),
     ],
 )
 def test_a_level_and_the_finer_ones_are_solved_with_the_factor_and_all_points(
-    deviation: float,
+    told: Noise,
     plenty: bool,
     first: list[float],
     expected: list[float],
     native_backend: Backend,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Looked for without the points held out, in wide noise on the coarsest level."""
+    """Looked for without the points held out; of noisy and of sparse scans on the coarsest."""
     asked: list[tuple[float, int]] = []
 
     def choose(energy: Energy, *_: object) -> float:
@@ -214,7 +227,7 @@ def test_a_level_and_the_finer_ones_are_solved_with_the_factor_and_all_points(
     monkeypatch.setattr("visco_core.multires.choose_factor", choose)
     cost = 0.0 if plenty else np.inf
     monkeypatch.setattr("visco_core.level_plan.SEARCH_COST", (cost, cost))
-    given = problem(deviation)
+    given = problem(told)
     assert given.held_out is not None
     level, _ = solve_levels(native_backend, given, Clock(time.monotonic(), 100.0))
     seen = len(given.points) - len(given.held_out.points)
