@@ -35,9 +35,9 @@ FEWEST, ENOUGH, MOST = 100, 500, 30_000
 """Points held out that say something, that are enough, and that suffice of a large scan."""
 
 FARTHEST, FINER = 1.0, 0.5
-"""Octaves of λv: how far from the law's it may go, and by how much more the finest level wants than
-points held out of a coarser one tell. A mean of their squares hears more of creases, which want
-less, than the mean distance does."""
+"""Octaves of λv: how far from its middle a parabola may lead, and by how much more the finest level
+wants than points held out of a coarser one tell. A mean of their squares hears more of creases,
+which want less, than the mean distance does."""
 
 DOUBT = 0.5
 """Standard errors that an octave from the law's λv must be better by; of two octaves four times."""
@@ -113,11 +113,12 @@ def choose_factor(
         other = energy.with_viscosity(weight=2**octave * viscosity)
         return minimise(solver, other, begin, pace, lambda _: None).values
 
+    values = solved(0)
+    shift = spread(grid, values, held.deviation * grid.resolution, pace.check) - values
+
     def missed(values: Array) -> np.ndarray:
         return np.square(_distances(grid, values, shift, samples))
 
-    values = solved(0)
-    shift = spread(grid, values, held.deviation * grid.resolution, pace.check) - values
     here, less, more = missed(values), missed(solved(-1)), missed(solved(1))
     near = here < FAR_OFF**2 * np.median(here)
     if pace.late() or near.sum() < FEWEST:

@@ -36,6 +36,7 @@ from visco_core.pointcloud import PointCloud
 from visco_core.presets import Settings, decide
 from visco_core.reconstruction import reconstruct
 from visco_core.result import Mesh
+from visco_core.trim import LEAST_CUT
 
 
 @pytest.mark.parametrize("normals", ["estimated", "none"])
@@ -228,8 +229,8 @@ def test_trim_opens_the_mesh_where_nothing_was_scanned(ball: PointCloud) -> None
     assert mesh_health(opened)["boundary_edges"] > 100
     assert len(opened.faces) < len(closed.mesh.faces)
     # An edge of the mesh is no longer than a voxel's diagonal.
-    assert nearest_distance(opened.vertices, half.points)[0].max() <= 0.15 + 0.1 * 3**0.5 * voxel(
-        closed
+    assert nearest_distance(opened.vertices, half.points)[0].max() <= (
+        0.15 + LEAST_CUT * 3**0.5 * voxel(closed)
     )
     assert nearest_distance(closed.mesh.vertices, half.points)[0].max() > 0.5
     (note,) = closed.notes
