@@ -1,8 +1,8 @@
 """λv of a dense scan, by points that the solver has not seen.
 
-The coarsest level is made to forget a share of the points, and the second, or the coarsest itself
-where noise is wide, is solved without them for half of its λv, λv and twice of it. Right is what
-misses these points least, on the mean of
+The coarsest level is made to forget a share of the points. The finest level that noise and spacing
+allow is begun without them, and solved for half of its λv, λv and twice of it. Right is what misses
+these points least, on the mean of
 
     (f(q)/a − (G f − f)(q))²,   a = mean ∇f(q)·n
 
@@ -42,6 +42,12 @@ which want less, than the mean distance does."""
 DOUBT = 0.5
 """Standard errors that an octave from the law's λv must be better by; of two octaves four times."""
 
+SURE = 3.0
+"""Standard errors that each further octave downwards must be better by."""
+
+COARSEST_DOWN = 2
+"""Octaves downwards at most on the coarsest level, where creases ask for ever less."""
+
 
 @dataclass(frozen=True)
 class HeldOut:
@@ -60,13 +66,14 @@ class HeldOut:
     spacing: float
 
     def level(self, resolutions: list[int]) -> int:
-        """On which λv is looked for: the second, or the coarsest if noise is wider than a voxel of
-        the second, or points lie farther apart.
+        """On which λv is looked for: the finest whose voxels are as wide as the noise and as the
+        points lie apart; the coarsest if even the second has narrower ones.
 
-        Smoothing then reaches so far that finer levels cannot make up for too much or too little on
-        the coarsest; in such noise f is no distance on them where the outermost points are.
+        In wider noise f is no distance where the outermost points are. If the second level has it,
+        smoothing reaches so far that finer levels do not make up for that of the coarsest.
         """
-        return int(max(self.deviation, self.spacing) * resolutions[1] <= 1)
+        wide = max(self.deviation, self.spacing)
+        return max(sum(wide * resolution <= 1 for resolution in resolutions) - 1, 0)
 
 
 def hold_out(
@@ -98,38 +105,44 @@ def choose_factor(
     solver: Solver[GaussNewtonState],
     pace: Pace,
     held: HeldOut,
-) -> float:
-    """The factor of λv with which the points held out are missed least.
+) -> tuple[float, Array]:
+    """The factor of λv with which the points held out are missed least, and the solution near it.
 
     It is 1 where the pace is late or too few points are held out. A parabola through the errors of
     half, once and twice λv, in log λv, says what is best; see ``FINER`` and ``DOUBT``. Where that
-    is half, and one through a quarter, half and once says half again, it is a quarter. Neither
-    ``energy`` nor ``begin`` (N + 1,) may know those points. Raises Stopped.
+    is half, the next goes through a quarter, half and once, and so on for as long as less is surely
+    better, see ``SURE`` and ``COARSEST_DOWN``. Neither ``energy`` nor ``begin`` (N + 1,) may know
+    those points. Raises Stopped.
     """
     grid, viscosity = energy.grid, energy.weights.viscosity
     samples = locate(grid, held.points, held.normals, pace.check)
 
-    def solved(octave: float) -> Array:
+    def solved(octave: int) -> Array:
         other = energy.with_viscosity(weight=2**octave * viscosity)
         return minimise(solver, other, begin, pace, lambda _: None).values
 
-    values = solved(0)
-    shift = spread(grid, values, held.deviation * grid.resolution, pace.check) - values
+    solutions = {octave: solved(octave) for octave in (0, -1, 1)}
+    shift = -solutions[0]
+    shift += spread(grid, solutions[0], held.deviation * grid.resolution, pace.check)
 
-    def missed(values: Array) -> np.ndarray:
-        return np.square(_distances(grid, values, shift, samples))
+    def missed(octave: int) -> np.ndarray:
+        return np.square(_distances(grid, solutions[octave], shift, samples))
 
-    here, less, more = missed(values), missed(solved(-1)), missed(solved(1))
+    here, less, more = missed(0), missed(-1), missed(1)
     near = here < FAR_OFF**2 * np.median(here)
     if pace.late() or near.sum() < FEWEST:
-        return 1.0
-    octave = _least(less[near] - here[near], more[near] - here[near])
-    if octave == -FARTHEST:
-        least = missed(solved(-2))
-        again = _least(least[near] - less[near], here[near] - less[near])
-        if again == -FARTHEST and not pace.late():
-            octave += again
-    return 2**octave
+        return 1.0, solutions[0]
+    octave, lowest = _least(less[near] - here[near], more[near] - here[near]), 0
+    least = -COARSEST_DOWN if grid.is_dense else -np.inf
+    while octave == lowest - FARTHEST and octave > least:
+        lowest -= 1
+        solutions[lowest - 1] = solved(lowest - 1)
+        here, less, more = missed(lowest), missed(lowest - 1), here
+        lower = (less - here)[near]
+        if pace.late() or lower.mean() > -SURE * lower.std() / np.sqrt(len(lower)):
+            break
+        octave = lowest + min(_least(lower, (more - here)[near]), 0.0)
+    return 2**octave, solutions[round(octave)]
 
 
 def _least(less: np.ndarray, more: np.ndarray) -> float:

@@ -44,9 +44,9 @@ multilevel preconditioner that the coarsest level has, an iteration and its begi
 GRACE_SECONDS = 1.0
 """How far beyond the budget the coarsest level may end: a late surface is better than none."""
 
-SEARCH_COST = 1.5, 6.0
+SEARCH_COST = 1.5, 6.0, 3.0
 """What looking for λv by points held out costs at most, over the level's own cost: on the coarsest
-level and on the second."""
+level, on the second and on finer ones."""
 
 
 def plan_resolutions(resolution: int) -> list[int]:
@@ -140,12 +140,13 @@ class LevelPlan:
         self.clock.start_slice(max(left * costs[0] / sum(costs), 0.0))
         self.expect(level, costs[0])
 
-    def start_search(self, level: int) -> bool:
-        """Gives looking for λv on ``level`` what the levels leave of the time, if that will do."""
+    def start_search(self, level: int, searched: int) -> bool:
+        """Gives looking for λv on a level what those from ``level`` on leave, if that will do."""
         last = self._last_reachable(level)
         levels = sum(self.cost(k) for k in range(level, last + 1)) + self.finish_seconds(last)
-        spare, needed = self.clock.remaining_seconds - levels, SEARCH_COST[level] * self.cost(level)
-        if spare < needed:
+        spare = self.clock.remaining_seconds - levels
+        needed = at_level(SEARCH_COST, searched) * self.cost(searched)
+        if spare < needed or searched > last:
             return False
         self.clock.start_slice(spare)
         self.expect(level, needed + self.cost(level))

@@ -8,7 +8,7 @@ not begun, and the finest finished level stands.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,15 +30,17 @@ from visco_core.result import Outcome
 from visco_core.solvers.gauss_newton import GaussNewton
 from visco_core.solvers.loop import Solver, State, minimise
 
-FORGETTING = GaussNewton(2, 30)
-"""How the coarsest level's solution forgets the points held out."""
+SEARCHING = tuple(GaussNewton(steps, 30, inner_tolerance=1e-2) for steps in (2, 2, 1))
+"""How levels are solved to look for λv, coarsest first; from the third on they begin nearly right.
+The first is also how the coarsest level's solution forgets the points held out."""
 
 
 @dataclass(frozen=True)
 class Problem:
     """What is to be solved: points (P, 3) in [0, 1]³, normals (P, 3) to start from and to fit.
 
-    With ``held_out`` the level that it names looks for λv first.
+    With ``held_out`` the level that it names looks for λv, and those between it and the coarsest
+    have only the points not held out.
     """
 
     points: np.ndarray
@@ -51,6 +53,13 @@ class Problem:
         """Those of the settings; missing normals must not be fitted as if they were zero."""
         weights = at_level(self.settings.weights, level)
         return weights if self.fitted_normals is not None else replace(weights, normal=0.0)
+
+    def known(self, level: int, resolutions: list[int]) -> tuple[np.ndarray, np.ndarray | None]:
+        """The points, and their fitted normals, that ``level`` is solved with."""
+        held = self.held_out
+        if held is not None and 0 < level < held.level(resolutions):
+            return held.seen
+        return self.points, self.fitted_normals
 
 
 @dataclass(frozen=True)
@@ -87,7 +96,13 @@ def solve_levels(
         if on_level is not None:
             on_level(best)
         problem = replace(problem, settings=best.settings)
-        best = _solve_level(plan, level, best, problem, backend)
+        coarser, held = best, problem.held_out
+        if level == 1 and held is not None and (searched := held.level(plan.resolutions)) > 1:
+            if plan.start_search(level, searched):
+                coarser = _forgetting(best, problem, held, clock)
+            else:
+                problem = replace(problem, held_out=None)
+        best = _solve_level(plan, level, coarser, problem, backend)
     return best, plan.outcome(best.grid.resolution, None)
 
 
@@ -128,19 +143,23 @@ def _solve_level(
     plan.start(level)
     with clock.phase("solve", resolution=resolution, nodes=len(grid)) as entry:
         started = time.monotonic()
-        samples = locate(grid, problem.points, problem.fitted_normals, clock.check)
+        samples = locate(grid, *problem.known(level, plan.resolutions), clock.check)
         clock.check()
         energy = Energy(grid, samples, weights, carried)
         clock.check()
         plan.located(time.monotonic() - started)
         settings, held = problem.settings, problem.held_out
-        if held and level == held.level(plan.resolutions) and plan.start_search(level):
-            known = coarser or SolvedLevel(grid, begun, samples, {}, settings)
-            factor = _search(plan, level, known, problem, held)
+        stages: Sequence[tuple[float, Solver[Any]]] = plan.stages(level)
+        if held and level == held.level(plan.resolutions) and plan.start_search(level, level):
+            begin = SolvedLevel(grid, begun, samples, {}, settings), carried
+            factor, solution = _search(plan, level, coarser, begin, problem, held)
+            if level > 1:
+                once = GaussNewton(1, at_level(settings.schedule.inner_steps, level))
+                begun, stages = solution, [(weights.viscosity_epsilon, once)]
             settings = settings.with_viscosity_times(factor, level)
             energy = energy.with_viscosity(weight=at_level(settings.weights, level).viscosity)
             plan.start(level)
-        reporter, stages = _Reporter(plan, level), plan.stages(level)
+        reporter = _Reporter(plan, level)
         state, values = _solve_stages(energy, begun, stages, clock, reporter)
         plan.measured(level, reporter.work, reporter.seconds)
         if settings.search == "leave_one_out" and level == 1:
@@ -153,28 +172,45 @@ def _solve_level(
 
 
 def _search(
-    plan: LevelPlan, level: int, known: SolvedLevel, problem: Problem, held: HeldOut
-) -> float:
-    """The factor of λv that points tell which the solutions have not seen; see ``held_out.py``.
+    plan: LevelPlan,
+    level: int,
+    coarser: SolvedLevel | None,
+    begin: tuple[SolvedLevel, Array],
+    problem: Problem,
+    held: HeldOut,
+) -> tuple[float, Array]:
+    """The factor of λv that points held out tell, and a solution near it; see ``held_out.py``.
 
-    ``known`` is on the coarsest level: what the second one begins with, or the coarsest itself.
+    ``begin`` is what the level begins with, and what it carries: from the third level on without
+    the points held out, as ``coarser`` is.
     """
-    clock, grid, weights = plan.clock, known.grid, problem.weights(level)
-    seen = locate(grid, *held.seen, clock.check)
-    energy = Energy(grid, seen, problem.weights(0))
-    begun = minimise(FORGETTING, energy, known.values, clock, lambda _: None).values
-    if level:
-        begin = replace(known, values=begun, samples=seen)
-        given = plan.resolutions[level], begin, weights, clock.check
+    clock, weights = plan.clock, problem.weights(level)
+    known, carried = begin
+    if level < 2:
+        known = _forgetting(coarser or known, problem, held, clock)
+    grid, begun = known.grid, known.values
+    if level == 1:
+        given = plan.resolutions[level], known, weights, clock.check
         grid, begun, carried = _begin(grid.backend, problem, *given)
-        energy = Energy(grid, locate(grid, *held.seen, clock.check), weights, carried)
-    return choose_factor(energy, begun, plan.stages(1)[-1][1], clock, held)
+    seen = locate(grid, *held.seen, clock.check)
+    energy = Energy(grid, seen, weights, carried)
+    return choose_factor(energy, begun, at_level(SEARCHING, level), clock, held)
+
+
+def _forgetting(
+    coarsest: SolvedLevel, problem: Problem, held: HeldOut, clock: Clock
+) -> SolvedLevel:
+    """``coarsest`` less what the points held out have told it."""
+    seen = locate(coarsest.grid, *held.seen, clock.check)
+    energy = Energy(coarsest.grid, seen, problem.weights(0))
+    values = minimise(SEARCHING[0], energy, coarsest.values, clock, lambda _: None).values
+    return replace(coarsest, values=values, samples=seen)
 
 
 def _solve_stages(
     energy: Energy,
     values: Array,
-    stages: list[tuple[float, Solver[Any]]],
+    stages: Sequence[tuple[float, Solver[Any]]],
     clock: Clock,
     reporter: _Reporter,
 ) -> tuple[Any, Array]:

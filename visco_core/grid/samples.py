@@ -57,20 +57,20 @@ def locate(
     order = np.argsort(keys, kind="stable")
     check()
     keys = keys[order]
-    firsts = np.flatnonzero(np.diff(keys, prepend=-1))
+    new = np.diff(keys, prepend=-1) != 0
+    firsts = np.flatnonzero(new)
     corners = backend.numpy(voxel_corners(grid, backend.array(voxels[order[firsts]])))
-    whole = (corners < len(grid)).all(1)
+    whole = corners[:, 0] < len(grid)
     counts = np.diff(firsts, append=len(keys))
     if not whole.all():
-        order = order[np.repeat(whole, counts)]
-        corners, counts, firsts = corners[whole], counts[whole], firsts[whole]
+        order = order[whole[np.cumsum(new) - 1]]
+        corners, counts, firsts = corners.compress(whole, axis=0), counts[whole], firsts[whole]
     check()
-    local = scaled[order]
-    check()
-    local = (local - voxels[order]).astype(np.float32)
+    # take, since numpy gathers rows several times as fast as by [order].
+    local = (scaled - voxels).astype(np.float32).take(order, axis=0)
     check()
     slabs = np.searchsorted(keys[firsts], np.arange(grid.side) * resolution**2)
-    picked = np.zeros_like(local) if normals is None else normals[order]
+    picked = np.zeros_like(local) if normals is None else normals.take(order, axis=0)
     return Samples(
         corners=backend.array(corners),
         starts=backend.array(np.append(0, np.cumsum(counts))),

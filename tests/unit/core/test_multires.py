@@ -207,21 +207,23 @@ def test_the_least_of_a_level_is_never_more_than_all_of_it(profile: Any, few: in
         assert plan.cost(level, least=True) <= plan.cost(level)
 
 
-@pytest.mark.parametrize("level", [0, 1])
-def test_the_viscosity_is_looked_for_with_what_the_levels_leave_of_the_time(level: int) -> None:
+@pytest.mark.parametrize(("level", "searched"), [(0, 0), (1, 1), (1, 2), (2, 2)])
+def test_the_viscosity_is_looked_for_with_what_the_levels_leave_of_the_time(
+    level: int, searched: int
+) -> None:
     chosen = settings(256)
     free = plan_of(chosen)
     levels = sum(free.cost(k) for k in range(level, 3)) + free.finish_seconds(2)
-    search = SEARCH_COST[level] * free.cost(level)
+    search = SEARCH_COST[searched] * free.cost(searched)
     enough = plan_of(chosen, new_clock(budget_seconds=levels + search + 1))
-    assert enough.start_search(level)
+    assert enough.start_search(level, searched)
     assert enough.clock.slice_seconds == pytest.approx(search + 1, abs=0.5)
     short = plan_of(chosen, new_clock(budget_seconds=levels + 0.5 * search))
     short.start(level)
     before = short.clock.slice_seconds
-    assert not short.start_search(level)
+    assert not short.start_search(level, searched)
     assert short.clock.slice_seconds == pytest.approx(before, abs=0.5)
-    assert free.start_search(level)
+    assert free.start_search(level, searched)
     assert free.clock.slice_seconds == np.inf
 
 
