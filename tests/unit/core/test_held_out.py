@@ -47,6 +47,10 @@ def parted(
     return points, hold_out(*given, dropped, noise(), seed=0)
 
 
+def test_the_viscosity_is_looked_for_on_the_third_level_at_most() -> None:
+    assert parted(1000)[1].level([64, 128, 256, 512, 1024]) == 2
+
+
 def test_every_point_is_either_seen_or_held_out() -> None:
     points, held = parted(20_000)
     seen, fitted = held.seen
