@@ -35,9 +35,8 @@ FEWEST, ENOUGH, MOST = 100, 500, 30_000
 """Points held out that say something, that are enough, and that suffice of a large scan."""
 
 FARTHEST, FINER = 1.0, 0.5
-"""Octaves of λv: how far from its middle a parabola may lead, and by how much more the finest level
-wants than points held out of a coarser one tell. A mean of their squares hears more of creases,
-which want less, than the mean distance does."""
+"""Octaves of λv: how far from its middle a parabola may lead, and by how much more the mean
+distance wants than points held out tell: their squares hear more of creases, which want less."""
 
 DOUBT = 0.5
 """Standard errors that an octave from the law's λv must be better by; of two octaves four times."""
@@ -69,7 +68,7 @@ class HeldOut:
     spacing: float
 
     def level(self, resolutions: list[int]) -> int:
-        """On which λv is looked for: the finest of the first three whose voxels are as wide as the
+        """On which λv is looked for: the finest of the first ``LEVELS`` with voxels as wide as the
         noise and as the points lie apart; the coarsest if even the second has narrower ones.
 
         In wider noise f is no distance where the outermost points are. If the second level has it,
@@ -136,8 +135,8 @@ def choose_factor(
     if pace.late() or near.sum() < FEWEST:
         return 1.0, solutions[0]
     octave, lowest = _least(less[near] - here[near], more[near] - here[near]), 0
-    least = -COARSEST_DOWN if grid.is_dense else -np.inf
-    while octave == lowest - FARTHEST and octave > least:
+    bound = -COARSEST_DOWN if grid.is_dense else -np.inf
+    while octave == lowest - FARTHEST and octave > bound:
         lowest -= 1
         solutions[lowest - 1] = solved(lowest - 1)
         here, less, more = missed(lowest), missed(lowest - 1), here
