@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from visco_core.facing import nearest_axis
 from visco_core.io.faces import vertex_normals
 from visco_core.kernels import Backend
 from visco_core.progress import Check, never
@@ -92,9 +93,8 @@ def cluster_points(
     points: np.ndarray, normals: np.ndarray, side: int, check: Check = never
 ) -> Clusters:
     """Clusters of the points of a cell whose normals are nearest to the same of the six axes."""
-    axis = np.abs(normals).argmax(1)
-    facing = 2 * axis + (np.take_along_axis(normals, axis[:, None], 1)[:, 0] > 0)
-    keys = _keys(np.clip((points * side).astype(np.int64), 0, side - 1), side, facing)
+    cells = np.clip((points * side).astype(np.int64), 0, side - 1)
+    keys = _keys(cells, side, nearest_axis(normals))
     check()
     order = np.argsort(keys, kind="stable")
     check()
@@ -134,13 +134,13 @@ def cluster_points(
 
 def _keys(cells: np.ndarray, side: int, facing: np.ndarray) -> np.ndarray:
     """(C,) int64, in whose order cells (C, 3) of a column follow one another."""
-    return ((cells[:, 0] * side + cells[:, 1]) * side + cells[:, 2]) * _FACINGS + facing
+    return np.ravel_multi_index((*cells.T, facing), (side, side, side, _FACINGS))
 
 
 def _cells(keys: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
     """The inverse of ``_keys``."""
-    cells, facing = np.divmod(keys, _FACINGS)
-    return np.stack(np.unravel_index(cells, (side, side, side)), 1), facing
+    *cells, facing = np.unravel_index(keys, (side, side, side, _FACINGS))
+    return np.stack(cells, 1), facing
 
 
 def _summed(rows: np.ndarray, parent: np.ndarray, count: int) -> np.ndarray:

@@ -44,6 +44,13 @@ def side_agreement(
     return within * alike, apart_alike * (alike - 2 * both)
 
 
+def nearest_axis(normals: np.ndarray) -> np.ndarray:
+    """(P,) int64, 0 to 5: which of −x, x, −y, y, −z and z each of normals (P, 3) is nearest to."""
+    axis = np.abs(normals).argmax(1)
+    ahead: np.ndarray = np.take_along_axis(normals, axis[:, None], 1)[:, 0] > 0
+    return 2 * axis + ahead
+
+
 def disc_areas(
     points: np.ndarray, directions: np.ndarray, sources: np.ndarray, around: np.ndarray
 ) -> np.ndarray:

@@ -44,6 +44,11 @@ DOUBT = 0.5
 LEVELS = 3
 """The first ones, on which λv is looked for: on a fourth or fifth it takes a third of the time."""
 
+STEADY, ROUGH, MOVED = 0.7, 0.02, 0.1
+"""Points do not count where λv, from half to twice, moves the surface by more than so much of what
+they are usually missed by, and more voxels: up to that share of them, mostly at creases, whose
+squares would outweigh all others and ask for ever less λv."""
+
 SURE = 3.0
 """Standard errors that each further octave downwards must be better by."""
 
@@ -57,25 +62,26 @@ class HeldOut:
 
     ``seen``: points (P, 3) in [0, 1]³ and their fitted normals (P, 3) or None. ``points`` and
     ``normals`` (H, 3): the others, and as large a share of those that cleaning has dropped, since
-    what it leaves has less noise than the scan. ``deviation`` of the noise and ``spacing`` of the
-    points, in units of the cube.
+    what it leaves has less noise than the scan. ``deviation`` of the noise, in units of the cube;
+    ``level`` on which λv is looked for.
     """
 
     seen: tuple[np.ndarray, np.ndarray | None]
     points: np.ndarray
     normals: np.ndarray
     deviation: float
-    spacing: float
+    level: int
 
-    def level(self, resolutions: list[int]) -> int:
-        """On which λv is looked for: the finest of the first ``LEVELS`` with voxels as wide as the
-        noise and as the points lie apart; the coarsest if even the second has narrower ones.
 
-        In wider noise f is no distance where the outermost points are. If the second level has it,
-        smoothing reaches so far that finer levels do not make up for that of the coarsest.
-        """
-        wide = max(self.deviation, self.spacing)
-        return max(sum(wide * resolution <= 1 for resolution in resolutions[:LEVELS]) - 1, 0)
+def searched_level(noise: Noise, resolutions: list[int]) -> int:
+    """The finest of the first ``LEVELS`` with voxels as wide as the noise and as the points lie
+    apart; the coarsest if even the second has narrower ones.
+
+    In wider noise f is no distance where the outermost points are. If the second level has it,
+    smoothing reaches so far that finer levels do not make up for that of the coarsest.
+    """
+    wide = max(noise.position, noise.spacing)
+    return max(sum(wide * resolution <= 1 for resolution in resolutions[:LEVELS]) - 1, 0)
 
 
 def hold_out(
@@ -83,7 +89,8 @@ def hold_out(
     normals: np.ndarray,
     fitted: np.ndarray | None,
     dropped: PointCloud,
-    noise: Noise,
+    deviation: float,
+    level: int,
     seed: int,
 ) -> HeldOut:
     """Parts ``points`` and ``normals`` (P, 3) and the ``dropped``, if they have both, at random."""
@@ -98,7 +105,7 @@ def hold_out(
             np.concatenate([held[1], dropped.normals[others]]),
         )
     known = points[seen], None if fitted is None else fitted[seen]
-    return HeldOut(known, *held, deviation=noise.position, spacing=noise.spacing)
+    return HeldOut(known, *held, deviation, level)
 
 
 def choose_factor(
@@ -110,11 +117,11 @@ def choose_factor(
 ) -> tuple[float, Array]:
     """The factor of λv with which the points held out are missed least, and the solution near it.
 
-    It is 1 where the pace is late or too few points are held out. A parabola through the errors of
-    half, once and twice λv, in log λv, says what is best; see ``FINER`` and ``DOUBT``. Where that
-    is half, the next goes through a quarter, half and once, and so on for as long as less is surely
-    better, see ``SURE`` and ``COARSEST_DOWN``. Neither ``energy`` nor ``begin`` (N + 1,) may know
-    those points. Raises Stopped.
+    It is 1 where the pace is late or too few points count; see ``MOVED``. A parabola through the
+    errors of half, once and twice λv, in log λv, says what is best; see ``FINER`` and ``DOUBT``.
+    Where that is half, the next goes through a quarter, half and once, and so on for as long as
+    less is surely better, see ``SURE`` and ``COARSEST_DOWN``. Neither ``energy`` nor ``begin``
+    (N + 1,) may know those points. Raises Stopped.
     """
     grid, viscosity = energy.grid, energy.weights.viscosity
     samples = locate(grid, held.points, held.normals, pace.check)
@@ -128,22 +135,31 @@ def choose_factor(
     shift += spread(grid, solutions[0], held.deviation * grid.resolution, pace.check)
 
     def missed(octave: int) -> np.ndarray:
-        return np.square(_distances(grid, solutions[octave], shift, samples))
+        return _distances(grid, solutions[octave], shift, samples)
 
-    here, less, more = missed(0), missed(-1), missed(1)
-    near = here < FAR_OFF**2 * np.median(here)
+    distances = {octave: missed(octave) for octave in solutions}
+    usual = np.median(np.abs(distances[0]))
+    near = np.abs(distances[0]) < FAR_OFF * usual
+
+    def worse(octave: int) -> tuple[np.ndarray, np.ndarray]:
+        """By how much more half and twice of a λv miss the points (P,) that count."""
+        less, here, more = (distances[octave + step][near] for step in (-1, 0, 1))
+        moved = np.abs(more - less)
+        most = max(STEADY * usual, ROUGH / grid.resolution, np.quantile(moved, 1 - MOVED))
+        return (less**2 - here**2)[moved <= most], (more**2 - here**2)[moved <= most]
+
     if pace.late() or near.sum() < FEWEST:
         return 1.0, solutions[0]
-    octave, lowest = _least(less[near] - here[near], more[near] - here[near]), 0
+    octave, lowest = _least(*worse(0)), 0
     bound = -COARSEST_DOWN if grid.is_dense else -np.inf
     while octave == lowest - FARTHEST and octave > bound:
         lowest -= 1
         solutions[lowest - 1] = solved(lowest - 1)
-        here, less, more = missed(lowest), missed(lowest - 1), here
-        lower = (less - here)[near]
-        if pace.late() or lower.mean() > -SURE * lower.std() / np.sqrt(len(lower)):
+        distances[lowest - 1] = missed(lowest - 1)
+        less, more = worse(lowest)
+        if pace.late() or less.mean() > -SURE * less.std() / np.sqrt(len(less)):
             break
-        octave = lowest + min(_least(lower, (more - here)[near]), 0.0)
+        octave = lowest + min(_least(less, more), 0.0)
     return 2**octave, solutions[round(octave)]
 
 

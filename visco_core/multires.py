@@ -39,8 +39,8 @@ The first is also how the coarsest level's solution forgets the points held out.
 class Problem:
     """What is to be solved: points (P, 3) in [0, 1]³, normals (P, 3) to start from and to fit.
 
-    With ``held_out`` the level that it names looks for λv, and those between it and the coarsest
-    have only the points not held out.
+    With ``held_out`` λv is looked for on the level that it names, and those between it and the
+    coarsest have only the points not held out.
     """
 
     points: np.ndarray
@@ -54,11 +54,10 @@ class Problem:
         weights = at_level(self.settings.weights, level)
         return weights if self.fitted_normals is not None else replace(weights, normal=0.0)
 
-    def known(self, level: int, resolutions: list[int]) -> tuple[np.ndarray, np.ndarray | None]:
+    def known(self, level: int) -> tuple[np.ndarray, np.ndarray | None]:
         """The points, and their fitted normals, that ``level`` is solved with."""
-        held = self.held_out
-        if held is not None and 0 < level < held.level(resolutions):
-            return held.seen
+        if self.held_out is not None and 0 < level < self.held_out.level:
+            return self.held_out.seen
         return self.points, self.fitted_normals
 
 
@@ -97,8 +96,8 @@ def solve_levels(
             on_level(best)
         problem = replace(problem, settings=best.settings)
         coarser, held = best, problem.held_out
-        if level == 1 and held is not None and (searched := held.level(plan.resolutions)) > 1:
-            if plan.start_search(level, searched):
+        if level == 1 and held is not None and held.level > 1:
+            if plan.start_search(level, held.level):
                 coarser = _forgetting(best, problem, held, clock)
             else:
                 problem = replace(problem, held_out=None)
@@ -143,14 +142,14 @@ def _solve_level(
     plan.start(level)
     with clock.phase("solve", resolution=resolution, nodes=len(grid)) as entry:
         started = time.monotonic()
-        samples = locate(grid, *problem.known(level, plan.resolutions), clock.check)
+        samples = locate(grid, *problem.known(level), clock.check)
         clock.check()
         energy = Energy(grid, samples, weights, carried)
         clock.check()
         plan.located(time.monotonic() - started)
         settings, held = problem.settings, problem.held_out
         stages: Sequence[tuple[float, Solver[Any]]] = plan.stages(level)
-        if held and level == held.level(plan.resolutions) and plan.start_search(level, level):
+        if held and level == held.level and plan.start_search(level, level):
             begin = SolvedLevel(grid, begun, samples, {}, settings), carried
             factor, solution = _search(plan, level, coarser, begin, problem, held)
             if level > 1:

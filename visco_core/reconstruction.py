@@ -16,7 +16,7 @@ from visco_core.config import ReconstructionConfig
 from visco_core.extract import extract_isosurface, supported_pieces
 from visco_core.frame import Normalisation
 from visco_core.grid.samples import spatial_order
-from visco_core.held_out import hold_out
+from visco_core.held_out import hold_out, searched_level
 from visco_core.kernels import choose_backend
 from visco_core.level_plan import plan_resolutions
 from visco_core.multires import Problem, SolvedLevel, solve_levels
@@ -76,7 +76,8 @@ def reconstruct(
     if normals is None or planes:
         with clock.phase("normals"):
             normals = _best_normals(points, normals, backend.threads, clock.check)
-    settings, noise = decide(config), None
+    fitted = None if config.normals == "ignore" else normals
+    settings, held = decide(config), None
     if config.profile == "fast":
         with clock.phase("noise") as entry:
             noise = estimate_noise(
@@ -91,13 +92,13 @@ def reconstruct(
         weights = weights_for_noise(noise, resolutions, derived=derived, shared=planes)
         search = viscosity_search(noise, resolutions, shared=planes)
         settings = decide(config, weights, search=search)
-    fitted = None if config.normals == "ignore" else normals
-    problem = Problem(points, normals, fitted, settings)
-    if noise is not None and settings.search == "held_out":
-        dropped = cleaning.off_surface
-        dropped = PointCloud(frame.to_cube(dropped.points), dropped.normals)
-        given = points, normals, fitted, dropped, noise, config.seed
-        problem = replace(problem, held_out=hold_out(*given))
+        if settings.search == "held_out":
+            dropped = cleaning.off_surface
+            dropped = PointCloud(frame.to_cube(dropped.points), dropped.normals)
+            searched = searched_level(noise, resolutions)
+            given = points, normals, fitted, dropped, noise.position, searched, config.seed
+            held = hold_out(*given)
+    problem = Problem(points, normals, fitted, settings, held)
 
     def surface(level: SolvedLevel) -> Mesh:
         found = extract_isosurface(level.grid, level.values)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from visco_core.facing import nearest_axis
 from visco_core.neighbours import Neighbours
 from visco_core.progress import Check, never
 from visco_core.quadrics import fit, quadratic_terms
@@ -122,9 +123,7 @@ def _patches(
     side = int(np.clip(np.sqrt(len(points) / 20), 4, 64))
     scaled = (points - points.min(0)) / np.ptp(points, axis=0).max() * side
     cell = np.minimum(scaled.astype(np.int64), side - 1)
-    axis = np.abs(normals).argmax(1)
-    ahead = np.take_along_axis(normals, axis[:, None], 1)[:, 0] > 0
-    key = ((cell[:, 0] * side + cell[:, 1]) * side + cell[:, 2]) * 6 + 2 * axis + ahead
+    key = np.ravel_multi_index((*cell.T, nearest_axis(normals)), (side, side, side, 6))
     check()
     used = np.bincount(key, minlength=6 * side**3)
     patch = (np.cumsum(used > 0) - 1)[key]

@@ -12,14 +12,15 @@ from runs import Pace, config
 from visco_core import held_out
 from visco_core.clock import Clock
 from visco_core.config import ReconstructionConfig
-from visco_core.energy import Energy, spread
+from visco_core.energy import Energy, nothing_carried, spread
 from visco_core.frame import Normalisation
 from visco_core.gallery import SHAPES, Shape, sphere, uniform_scan
-from visco_core.grid.samples import corner_weights, locate
-from visco_core.grid.topology import dense_grid
-from visco_core.held_out import FARTHEST, FINER, HeldOut, choose_factor, hold_out
+from visco_core.grid.samples import Samples, corner_weights, locate
+from visco_core.grid.topology import Grid, dense_grid, refine
+from visco_core.held_out import FARTHEST, FINER, HeldOut, choose_factor, hold_out, searched_level
 from visco_core.initial import starting_values
 from visco_core.kernels import Array, Backend
+from visco_core.level_plan import plan_resolutions
 from visco_core.multires import SEARCHING, Problem, solve_levels
 from visco_core.noise import Noise
 from visco_core.pointcloud import PointCloud
@@ -44,11 +45,11 @@ def parted(
     points[:, 0] = np.arange(count)
     normals = np.full((count, 3), 0.5, np.float32)
     given = points, normals, normals if fitted else None
-    return points, hold_out(*given, dropped, noise(), seed=0)
+    return points, hold_out(*given, dropped, deviation=0.0, level=1, seed=0)
 
 
 def test_the_viscosity_is_looked_for_on_the_third_level_at_most() -> None:
-    assert parted(1000)[1].level([64, 128, 256, 512, 1024]) == 2
+    assert searched_level(noise(), [64, 128, 256, 512, 1024]) == 2
 
 
 def test_every_point_is_either_seen_or_held_out() -> None:
@@ -153,8 +154,8 @@ class Scan:
         frame = Normalisation.of(cloud.points)
         points = frame.to_cube(cloud.points)
         extent = float(np.linalg.norm(np.ptp(cloud.points, axis=0)))
-        told = noise(0.002 * extent / frame.scale)
-        self.held = hold_out(points, cloud.normals, cloud.normals, NOTHING, told, seed=0)
+        given = points, cloud.normals, cloud.normals, NOTHING
+        self.held = hold_out(*given, 0.002 * extent / frame.scale, level=0, seed=0)
         self.grid = dense_grid(backend, VOXELS + 1)
         begin = starting_values(backend, points, cloud.normals, VOXELS)
         self.begin, self.samples = backend.array(begin), locate(self.grid, points, cloud.normals)
@@ -211,6 +212,78 @@ def test_few_points_and_a_late_search_change_nothing(native_backend: Backend) ->
         assert Scan(native_backend).choose(1e-6, Pace(patience=patience)) == 1
 
 
+def test_a_walk_downwards_that_comes_late_ends_where_it_was(native_backend: Backend) -> None:
+    scan, pace = Scan(native_backend), Pace()
+    assert scan.choose(10.0, pace) == pytest.approx(0.25, rel=0.2)
+    assert scan.choose(10.0, Pace(patience=pace.questions - 1)) == 0.5
+
+
+def test_on_a_band_the_walk_goes_farther_down_than_on_the_coarsest_level(
+    native_backend: Backend,
+) -> None:
+    scan = Scan(native_backend)
+    scan.grid, scan.begin, _ = refine(scan.grid, scan.begin, nothing_carried(scan.grid), 4.0)
+    scan.seen = locate(scan.grid, *scan.held.seen)
+    assert scan.choose(10.0) < 2**-2.5
+
+
+def test_what_noise_does_beside_a_bent_surface_is_taken_off_the_same_for_every_viscosity(
+    native_backend: Backend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scan, measured, asked = Scan(native_backend), held_out._distances, []
+
+    def watched(grid: Grid, values: Array, shift: Array, samples: Samples) -> np.ndarray:
+        asked.append((values, shift))
+        return measured(grid, values, shift, samples)
+
+    monkeypatch.setattr(held_out, "_distances", watched)
+    scan.choose(1e-4)
+    values = asked[0][0]
+    expected = spread(scan.grid, values, scan.held.deviation * VOXELS) - values
+    assert np.abs(expected).max() > 1e-4
+    for _, shift in asked:
+        np.testing.assert_allclose(shift, expected, atol=1e-7)
+
+
+def test_points_far_off_the_surface_have_no_say(native_backend: Backend) -> None:
+    scan = Scan(native_backend)
+    alone = scan.choose(1e-6)
+    stray = np.random.default_rng(3).random((30, 3))
+    normals = np.ones((30, 3), np.float32) / np.sqrt(3)
+    points = np.concatenate([scan.held.points, stray])
+    scan.held = replace(
+        scan.held, points=points, normals=np.concatenate([scan.held.normals, normals])
+    )
+    assert scan.choose(1e-6) == pytest.approx(alone, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("creased", "size", "expected"),
+    [(0.0, 1.0, 1.4), (0.05, 1.0, 1.4), (0.3, 1.0, 0.8), (0.05, 0.005, 0.8)],
+    ids=["smooth", "a few creases", "mostly creases", "creases below a hundredth of a voxel"],
+)
+def test_a_few_points_that_bending_moves_far_have_no_say(
+    creased: float,
+    size: float,
+    expected: float,
+    native_backend: Backend,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where λv rounds a crease less of it is better; on smooth parts there is just enough."""
+    rng = np.random.default_rng(0)
+    noise, sign = np.repeat(rng.normal(size=5000), 2), np.tile([-0.1, 0.1], 5000)
+    crease = rng.random(10_000) < creased
+    octaves = iter((0, -1, 1, -2, -3))
+
+    def missed(*_: object) -> np.ndarray:
+        octave = next(octaves)
+        smooth = noise + sign * octave
+        return size * 0.3 / VOXELS * np.where(crease, 5 * 2.0**octave, smooth)
+
+    monkeypatch.setattr(held_out, "_distances", missed)
+    assert Scan(native_backend).choose(1e-4) == pytest.approx(expected, rel=0.1)
+
+
 WEIGHTS = tuple(replace(FAST_WEIGHTS, viscosity=viscosity) for viscosity in (1e-4, 2e-4, 3e-4))
 
 
@@ -220,7 +293,8 @@ def problem(told: Noise) -> Problem:
     assert cloud.normals is not None
     points = 0.5 + 0.4 * cloud.points
     given = points, cloud.normals, cloud.normals
-    parted = hold_out(*given, NOTHING, told, seed=0)
+    searched = searched_level(told, plan_resolutions(256))
+    parted = hold_out(*given, NOTHING, told.position, searched, seed=0)
     return Problem(*given, decide(config(resolution=256), WEIGHTS), parted)
 
 
