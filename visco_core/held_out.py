@@ -45,9 +45,9 @@ LEVELS = 3
 """The first ones, on which λv is looked for: on a fourth or fifth it takes a third of the time."""
 
 STEADY, ROUGH, MOVED = 0.7, 0.02, 0.1
-"""Points do not count where λv, from half to twice, moves the surface by more than so much of what
-they are usually missed by, and more voxels: up to that share of them, mostly at creases, whose
-squares would outweigh all others and ask for ever less λv."""
+"""Points are unsteady where λv, from half to twice, moves the surface by more than so much of what
+they are usually missed by, and by more voxels: up to that share of them, mostly at creases, whose
+squares can outweigh all others and ask for ever less λv."""
 
 SURE = 3.0
 """Standard errors that each further octave downwards must be better by."""
@@ -117,11 +117,12 @@ def choose_factor(
 ) -> tuple[float, Array]:
     """The factor of λv with which the points held out are missed least, and the solution near it.
 
-    It is 1 where the pace is late or too few points count; see ``MOVED``. A parabola through the
-    errors of half, once and twice λv, in log λv, says what is best; see ``FINER`` and ``DOUBT``.
-    Where that is half, the next goes through a quarter, half and once, and so on for as long as
-    less is surely better, see ``SURE`` and ``COARSEST_DOWN``. Neither ``energy`` nor ``begin``
-    (N + 1,) may know those points. Raises Stopped.
+    It is 1 where the pace is late or too few points are held out. A parabola through the errors of
+    half, once and twice λv, in log λv, says what is best; see ``FINER`` and ``DOUBT``. It goes as
+    far as both all points and the steady ones want, see ``MOVED``. Where that is half, the next
+    goes through a quarter, half and once, and so on for as long as less is surely better, see
+    ``SURE`` and ``COARSEST_DOWN``. Neither ``energy`` nor ``begin`` (N + 1,) may know those points.
+    Raises Stopped.
     """
     grid, viscosity = energy.grid, energy.weights.viscosity
     samples = locate(grid, held.points, held.normals, pace.check)
@@ -141,26 +142,35 @@ def choose_factor(
     usual = np.median(np.abs(distances[0]))
     near = np.abs(distances[0]) < FAR_OFF * usual
 
-    def worse(octave: int) -> tuple[np.ndarray, np.ndarray]:
-        """By how much more half and twice of a λv miss the points (P,) that count."""
+    def worse(octave: int) -> list[np.ndarray]:
+        """(2, P) by how much more half and twice of a λv miss points: all, and the steady ones."""
         less, here, more = (distances[octave + step][near] for step in (-1, 0, 1))
-        moved = np.abs(more - less)
+        moved, both = np.abs(more - less), np.stack([less**2 - here**2, more**2 - here**2])
         most = max(STEADY * usual, ROUGH / grid.resolution, np.quantile(moved, 1 - MOVED))
-        return (less**2 - here**2)[moved <= most], (more**2 - here**2)[moved <= most]
+        return [both, both[:, moved <= most]]
 
     if pace.late() or near.sum() < FEWEST:
         return 1.0, solutions[0]
-    octave, lowest = _least(*worse(0)), 0
+    octave, lowest = _agreed(worse(0)), 0
     bound = -COARSEST_DOWN if grid.is_dense else -np.inf
     while octave == lowest - FARTHEST and octave > bound:
         lowest -= 1
         solutions[lowest - 1] = solved(lowest - 1)
         distances[lowest - 1] = missed(lowest - 1)
-        less, more = worse(lowest)
-        if pace.late() or less.mean() > -SURE * less.std() / np.sqrt(len(less)):
+        told = worse(lowest)
+        if pace.late() or not all(_surely_less(less) for less, _ in told):
             break
-        octave = lowest + min(_least(less, more), 0.0)
+        octave = lowest + min(_agreed(told), 0.0)
     return 2**octave, solutions[round(octave)]
+
+
+def _surely_less(differences: np.ndarray) -> bool:
+    return bool(differences.mean() < -SURE * differences.std() / np.sqrt(len(differences)))
+
+
+def _agreed(told: list[np.ndarray]) -> float:
+    """As far as all of them want to go, or nowhere."""
+    return float(np.median([0.0, *(_least(less, more) for less, more in told)]))
 
 
 def _least(less: np.ndarray, more: np.ndarray) -> float:
