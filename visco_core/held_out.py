@@ -158,14 +158,11 @@ def choose_factor(
         solutions[lowest - 1] = solved(lowest - 1)
         distances[lowest - 1] = missed(lowest - 1)
         told = worse(lowest)
-        if pace.late() or not all(_surely_less(less) for less, _ in told):
+        less = told[0][0]
+        if pace.late() or less.mean() > -SURE * less.std() / np.sqrt(len(less)):
             break
         octave = lowest + min(_agreed(told), 0.0)
     return 2**octave, solutions[round(octave)]
-
-
-def _surely_less(differences: np.ndarray) -> bool:
-    return bool(differences.mean() < -SURE * differences.std() / np.sqrt(len(differences)))
 
 
 def _agreed(told: list[np.ndarray]) -> float:
