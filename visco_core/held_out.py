@@ -158,7 +158,7 @@ def choose_factor(
         solutions[lowest - 1] = solved(lowest - 1)
         distances[lowest - 1] = missed(lowest - 1)
         told = worse(lowest)
-        less = told[0][0]
+        (less, _), _ = told
         if pace.late() or less.mean() > -SURE * less.std() / np.sqrt(len(less)):
             break
         octave = lowest + min(_agreed(told), 0.0)

@@ -247,7 +247,7 @@ def test_points_far_off_the_surface_have_no_say(native_backend: Backend) -> None
 @pytest.mark.parametrize(
     ("creased", "size", "expected"),
     [(0.0, 1.0, 1.4), (0.05, 1.0, 1.0), (0.3, 1.0, 0.8), (0.05, 0.005, 0.8)],
-    ids=["smooth", "a few creases", "mostly creases", "creases below a hundredth of a voxel"],
+    ids=["smooth", "a few creases", "mostly creases", "creases far below a voxel"],
 )
 def test_a_few_points_that_bending_moves_far_have_no_say(
     creased: float,
