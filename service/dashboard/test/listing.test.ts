@@ -49,6 +49,15 @@ describe("the view", () => {
     expect(visible(jobs, NONE, { ...FIRST_VIEW, text: "bracket left" }).map((one) => one.id)).toEqual(["a"]);
   });
 
+  it("finds a job by its id or a longer part of it, not by a number that is in it by chance", () => {
+    const id = "01KB5Z1234QXJ7M0T9V8W6Y3R2";
+    const both = jobMap(job(id, { scan: { ...job("").scan, name: "arm.ply" } }), job("x", { label: "part 1234" }));
+    const found = (text: string) => visible(both, NONE, { ...FIRST_VIEW, text }).map((one) => one.id);
+    expect(found("1234")).toEqual(["x"]);
+    expect(found(id)).toEqual([id]);
+    expect(found("qxj7m0t9 arm")).toEqual([id]);
+  });
+
   it("keeps to the chosen states and leaves out what is being deleted", () => {
     const view = { ...FIRST_VIEW, statuses: new Set(["succeeded"] as const) };
     expect(visible(jobs, new Set(["c"]), view).map((one) => one.id)).toEqual(["b"]);

@@ -66,9 +66,13 @@ export function visible(jobs: JobMap, hidden: ReadonlySet<string>, view: View): 
   return found.sort((a, b) => sign * compare(key(a), key(b)) || compare(b.id, a.id));
 }
 
+/** From this length on a word is looked for in ids too: shorter ones occur in random ids by chance. */
+const ID_WORD = 8;
+
 function matches(job: Job, words: readonly string[]): boolean {
-  const text = `${job.label ?? ""} ${job.scan.name} ${job.id}`.toLowerCase();
-  return words.every((word) => text.includes(word));
+  const text = `${job.label ?? ""} ${job.scan.name}`.toLowerCase();
+  const id = job.id.toLowerCase();
+  return words.every((word) => text.includes(word) || (word.length >= ID_WORD && id.includes(word)));
 }
 
 function compare(a: string | number, b: string | number): number {
