@@ -1,8 +1,8 @@
 """λv of a dense scan, by points that the solver has not seen.
 
-The coarsest level is made to forget a share of the points. The finest level that noise and spacing
-allow is begun without them, and solved for half of its λv, λv and twice of it. Right is what misses
-these points least, on the mean of
+A share of the points is held out of the finest level that noise and spacing allow, and of what it
+begins with. It is solved for half of its λv, λv and twice of it. Right is what misses these points
+least, on the mean of
 
     (f(q)/a − (G f − f)(q))²,   a = mean ∇f(q)·n
 

@@ -94,14 +94,10 @@ def solve_levels(
             return best, plan.outcome(best.grid.resolution, reason)
         if on_level is not None:
             on_level(best)
-        problem = replace(problem, settings=best.settings)
-        coarser, held = best, problem.held_out
-        if level == 1 and held is not None and held.level > 1:
-            if plan.start_search(level, held.level):
-                coarser = _forgetting(best, problem, held, clock)
-            else:
-                problem = replace(problem, held_out=None)
-        best = _solve_level(plan, level, coarser, problem, backend)
+        problem, held = replace(problem, settings=best.settings), problem.held_out
+        if held and 0 < level < held.level and not plan.start_search(level, held.level):
+            problem = replace(problem, held_out=None)
+        best = _solve_level(plan, level, best, problem, backend)
     return best, plan.outcome(best.grid.resolution, None)
 
 
@@ -150,7 +146,7 @@ def _solve_level(
         settings, held = problem.settings, problem.held_out
         stages: Sequence[tuple[float, Solver[Any]]] = plan.stages(level)
         if held and level == held.level and plan.start_search(level, level):
-            begin = SolvedLevel(grid, begun, samples, {}, settings), carried
+            begin = grid, begun, carried
             factor, solution = _search(plan, level, coarser, begin, problem, held)
             if level > 1:
                 once = GaussNewton(1, at_level(settings.schedule.inner_steps, level))
@@ -174,25 +170,23 @@ def _search(
     plan: LevelPlan,
     level: int,
     coarser: SolvedLevel | None,
-    begin: tuple[SolvedLevel, Array],
+    begin: tuple[Grid, Array, Array],
     problem: Problem,
     held: HeldOut,
 ) -> tuple[float, Array]:
     """The factor of λv that points held out tell, and a solution near it; see ``held_out.py``.
 
-    ``begin`` is what the level begins with, and what it carries: from the third level on without
-    the points held out, as ``coarser`` is.
+    ``begin`` is what ``_begin`` gave. On the third level nothing is left in it of what the coarsest
+    has made of the points held out, and the second has not had them.
     """
     clock, weights = plan.clock, problem.weights(level)
-    known, carried = begin
-    if level < 2:
-        known = _forgetting(coarser or known, problem, held, clock)
-    grid, begun = known.grid, known.values
-    if level == 1:
-        given = plan.resolutions[level], known, weights, clock.check
-        grid, begun, carried = _begin(grid.backend, problem, *given)
-    seen = locate(grid, *held.seen, clock.check)
-    energy = Energy(grid, seen, weights, carried)
+    grid, begun, carried = begin
+    if level == 1 and coarser is not None:
+        given = plan.resolutions[level], _forgetting(coarser, problem, held, clock), weights
+        grid, begun, carried = _begin(grid.backend, problem, *given, clock.check)
+    energy = Energy(grid, locate(grid, *held.seen, clock.check), weights, carried)
+    if level == 0:
+        begun = minimise(SEARCHING[0], energy, begun, clock, lambda _: None).values
     return choose_factor(energy, begun, at_level(SEARCHING, level), clock, held)
 
 

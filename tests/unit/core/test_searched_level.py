@@ -18,7 +18,7 @@ from visco_core.gallery import sphere, uniform_scan
 from visco_core.held_out import hold_out, searched_level
 from visco_core.kernels import Array, Backend
 from visco_core.level_plan import plan_resolutions
-from visco_core.multires import Problem, SolvedLevel, solve_levels
+from visco_core.multires import Problem, solve_levels
 from visco_core.noise import Noise
 from visco_core.pointcloud import PointCloud
 from visco_core.presets import FAST_WEIGHTS, GREATEST_VISCOSITY, LEAST_VISCOSITY, decide
@@ -73,19 +73,21 @@ def test_a_level_and_the_finer_ones_are_solved_with_the_factor_and_all_points(
 ) -> None:
     """Looked for without the points held out, on the finest level with voxels wide enough.
 
-    It begins with what the coarsest level has been made to forget. Only a level between these is
-    solved without the points held out, too. From the third level on the answer's solution is begun
-    with, and takes one step.
+    For the coarsest and the second the coarsest is first solved without them, for the third the
+    level between is. From the third level on the answer's solution is begun with, and takes one
+    step.
     """
     asked: list[tuple[float, int]] = []
     totals: list[int] = []
     begun: list[tuple[float, bool, int, bool]] = []
-    forgot: list[int] = []
+    without: list[tuple[int, Array]] = []
     answers: list[Array] = []
-    solve, forget = multires._solve_stages, multires._forgetting
+    solve, minimise = multires._solve_stages, multires.minimise
 
     def choose(energy: Energy, begin: Array, *others: Any) -> tuple[float, Array]:
         asked.append((energy.weights.viscosity, energy.samples.total))
+        known = energy.grid.resolution == 64
+        assert any(begin is values for _, values in without) == known
         answers.append(begin.copy())
         others[1].start_slice(0.0)
         return 3.0, answers[-1]
@@ -96,26 +98,28 @@ def test_a_level_and_the_finer_ones_are_solved_with_the_factor_and_all_points(
         begun.append((energy.weights.viscosity, answered, steps, others[0].late()))
         return solve(energy, values, stages, *others)
 
-    def forgetting(level: SolvedLevel, *others: Any) -> SolvedLevel:
-        forgot.append(level.grid.resolution)
-        return forget(level, *others)
+    def minimised(solver: Any, energy: Energy, *others: Any) -> Any:
+        state = minimise(solver, energy, *others)
+        if energy.samples.total == seen:
+            without.append((energy.grid.resolution, state.values))
+        return state
 
     monkeypatch.setattr("visco_core.multires.choose_factor", choose)
     monkeypatch.setattr("visco_core.multires._solve_stages", solved)
-    monkeypatch.setattr("visco_core.multires._forgetting", forgetting)
+    monkeypatch.setattr("visco_core.multires.minimise", minimised)
     cost = 0.0 if plenty else np.inf
     monkeypatch.setattr("visco_core.level_plan.SEARCH_COST", (cost,))
     given, clock = problem(told), Clock(time.monotonic(), 100.0)
     assert given.held_out is not None
+    every, seen = len(given.points), len(given.points) - len(given.held_out.points)
     level, _ = solve_levels(
         native_backend, given, clock, lambda level: totals.append(level.samples.total)
     )
-    every, seen = len(given.points), len(given.points) - len(given.held_out.points)
     assert asked == [(viscosity, seen) for viscosity in first]
     assert [*totals, level.samples.total] == [every, seen if first == [3e-4] else every, every]
     assert [w.viscosity for w in level.settings.weights] == pytest.approx(expected)
-    assert forgot == [64] * len(first)
     third = first == [3e-4]
+    assert [resolution for resolution, _ in without] == [128 if third else 64] * len(first)
     assert [viscosity for viscosity, *_ in begun] == pytest.approx(expected)
     assert [answered for _, answered, *_ in begun] == [False, False, third]
     assert [steps for *_, steps, _ in begun[1:]] == [2, 1 if third else 2]
